@@ -7,7 +7,7 @@ from gateway.config.plan.access import access_row
 from gateway.config.plan.images import image_settings, kind_of, mirror_settings
 from gateway.config.plan.lines import line_plan, monitor_plan, server_plan, upstream_plan
 from gateway.config.plan.listeners import listen_settings
-from gateway.config.plan.profiles import profile_of
+from gateway.config.plan.profiles import guarded_profile_of
 from gateway.config.plan.reach import client_lines, monitor_lines
 from gateway.config.plan.settings import DEFAULT_LISTENER, LogSettings, OwnerPlan, Plan
 from gateway.config.plan.unit_points import own_points, points_of_devices, points_of_profiles, points_of_units
@@ -32,7 +32,7 @@ def complete(plan: Plan, maps: Maps, config: Config) -> Plan:
 
 def without_rows(config: Config) -> tuple[Plan, Maps]:
     """Plan all that the rows of virtual units need, and nothing that needs them."""
-    profiles = {name: profile_of(name, table) for name, table in config.profile.items()}
+    profiles = {name: guarded_profile_of(name, table) for name, table in config.profile.items()}
     lines = tuple(line_plan(line, profiles, config) for line in client_lines(config))
     upstreams = tuple(upstream_plan(upstream, profiles, config) for upstream in config.upstream)
     monitors = tuple(monitor_plan(line, profiles, config) for line in monitor_lines(config))

@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol
 
-from gateway.errors import LineShared, RequestError
+from gateway.errors import IllegalDataValue, LineShared, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
 from gateway.lines.bits import BitsTransaction
 from gateway.lines.transaction import BroadcastTransaction, Destination, Transaction
@@ -25,6 +25,10 @@ _NEVER_ANSWERED: Final = AnswerTime(TimingTable(), margin=0.0, timeout=0.0)
 _ELSEWHERE: Final = (
     "clients of the other site could write between the read and the write of the register; if the device has "
     "function 22, name it in the `functions` of its profile, here and there"
+)
+_WHOLE: Final = (
+    "clients of the other site could write between the read and the write of the register, and limits of a value in it "
+    "do not allow function 22; write the whole register"
 )
 
 
@@ -100,13 +104,20 @@ class Device(Destination):
             else:
                 transaction = self._transaction(request, self.settings.profile.check(request.pdu))
         except RequestError as error:
-            self.counts[request.pdu[0]].count_error(error, 1)
-            self.report_rejection(request, error)
-            self._ring.refuse(request, error, now, line=self.line_name, name=self.name)
-            request.fail(error)
+            self.refuse(request, error, now)
             return
         transaction.yields = yields
         self._line.submit(transaction, now)
+
+    def check(self, pdu: bytes) -> RequestPdu:
+        """Parse a request PDU, and check that its profile accepts it. See Profile.check."""
+        return self.settings.profile.check(pdu)
+
+    def refuse(self, request: Request, error: RequestError, now: float) -> None:
+        """Fail a request that is not sent, and tell of it."""
+        self.report_rejection(request, error)
+        self._ring.refuse(request, error, now, line=self.line_name, name=self.name)
+        super().refuse(request, error, now)
 
     @property
     def possible_units(self) -> tuple[int, ...]:
@@ -133,7 +144,7 @@ class Device(Destination):
     def _in_one_turn(self, request: Request) -> Transaction:
         """Make the transaction of a write to bits: with function 22, or with a read and a write."""
         profile, pdu = self.settings.profile, request.pdu
-        if profile.names(FunctionCode.MASK_WRITE_REGISTER):
+        if profile.masks(pdu):
             request.in_one_turn = 0
             return self._transaction(request, profile.check(pdu))
         plain = self._transaction(request, profile.check_in_one_turn(pdu, request.in_one_turn))
@@ -147,19 +158,30 @@ class SiteDevice(Device):
     """A unit of another site, whose gateway has other clients: they could come between a read and a write."""
 
     def _in_one_turn(self, request: Request) -> Transaction:
-        if not self.settings.profile.names(FunctionCode.MASK_WRITE_REGISTER):
-            raise LineShared(_ELSEWHERE)
+        profile = self.settings.profile
+        if not profile.masks(request.pdu):
+            has_guard = profile.names(FunctionCode.MASK_WRITE_REGISTER)
+            raise LineShared(_WHOLE if has_guard else _ELSEWHERE)
         return super()._in_one_turn(request)
 
 
 class EveryDevice(Destination):
-    """Unit 0 of one line: a Target that sends broadcasts."""
+    """Unit 0 of one line: a Target that sends broadcasts. None may touch a guarded point, whatever it writes."""
 
-    def __init__(self, line: TakesTransactions) -> None:
+    def __init__(
+        self,
+        line: TakesTransactions,
+        emit: Emit = discard_event,
+        ring: Ring | None = None,
+        line_name: str = "",
+    ) -> None:
         super().__init__(BROADCAST_UNIT, "every device", _NEVER_ANSWERED)
         #: The devices of the line, which hear it.
         self.devices: Collection[Device] = ()
         self._line = line
+        self._emit = emit
+        self._ring = ring or Ring()
+        self.line_name = line_name
 
     def was_written(self, span: Span | None, now: float) -> None:
         """Note it of each device."""
@@ -167,8 +189,33 @@ class EveryDevice(Destination):
             device.was_written(span, now)
 
     def submit(self, request: Request, now: float) -> None:
-        """Send the request to unit 0. It must be well formed and have a broadcast function."""
-        self._line.submit(BroadcastTransaction(request, parse_request(request.pdu), self), now)
+        """Send the request to unit 0, or fail it. It must be well formed and have a broadcast function."""
+        try:
+            asked = self.check(request.pdu)
+        except RequestError as error:
+            self.refuse(request, error, now)
+            return
+        self._line.submit(BroadcastTransaction(request, asked, self), now)
+
+    def check(self, pdu: bytes) -> RequestPdu:
+        """Parse a broadcast, and check that all devices of the line may get it.
+
+        Raises:
+            IllegalDataValue: it touches a guarded point of one of them.
+        """
+        asked = parse_request(pdu)
+        for device in self.devices:
+            guards = device.settings.profile.guards
+            guard = next(guards.touched(asked.write), None) if asked.write is not None else None
+            if guard is not None:
+                raise IllegalDataValue(f"{device.name}: {guard.point.rule}, and a broadcast cannot be answered")
+        return asked
+
+    def refuse(self, request: Request, error: RequestError, now: float) -> None:
+        """Fail a broadcast that this line does not get, and tell of it."""
+        self._emit(RequestRefused.of(request, error, device=f"{self.name} of {self.line_name}"))
+        self._ring.refuse(request, error, now, line=self.line_name, name=self.name)
+        super().refuse(request, error, now)
 
 
 class ScannedUnit(Destination):

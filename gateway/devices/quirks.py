@@ -17,12 +17,12 @@ from gateway.devices.addresses import Remember, UnitAddresses, Whereabouts
 from gateway.devices.device import Device, DeviceSettings, EveryDevice, TakesTransactions
 from gateway.devices.moved import how_to_forget, show_addresses
 from gateway.errors import IllegalDataValue, PathUnavailable
-from gateway.events import AddressMoved, AddressRemembered, BaudChanged, Emit, RequestRefused
+from gateway.events import AddressMoved, AddressRemembered, BaudChanged, Emit
 from gateway.lines.breaker import FAILURES
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT, Area
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import RequestPdu, Span, parse_request
+from gateway.modbus.pdu import RequestPdu, Span
 from gateway.request import Request
 from gateway.timing.budget import Budget
 from gateway.trace.ring import Ring
@@ -230,22 +230,15 @@ class EveryQuirkyDevice(EveryDevice):
     def __init__(
         self, line: TakesTransactions, quirks: Collection[str], emit: Emit, ring: Ring, line_name: str
     ) -> None:
-        super().__init__(line)
+        super().__init__(line, emit, ring, line_name)
         self._quirks = quirks
-        self._emit = emit
-        self._ring = ring
-        self.line_name = line_name
 
-    def submit(self, request: Request, now: float) -> None:
-        """Send the request to unit 0, or fail it if it writes an address or a rate. See EveryDevice."""
-        if changes(parse_request(request.pdu), self._quirks) is None:
-            super().submit(request, now)
-            return
-        error = IllegalDataValue(f"all devices of {self.line_name} would have the same address, or another rate")
-        self.counts[request.pdu[0]].count_error(error, 1)
-        self._emit(RequestRefused.of(request, error, device=f"{self.name} of {self.line_name}"))
-        self._ring.refuse(request, error, now, line=self.line_name, name=self.name)
-        request.fail(error)
+    def check(self, pdu: bytes) -> RequestPdu:
+        """Check a broadcast, also that it writes no address and no rate. See EveryDevice."""
+        asked = super().check(pdu)
+        if changes(asked, self._quirks) is not None:
+            raise IllegalDataValue(f"all devices of {self.line_name} would have the same address, or another rate")
+        return asked
 
 
 def changes(asked: RequestPdu, quirks: Collection[str]) -> Quirk | None:

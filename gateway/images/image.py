@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, cast
 
 from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
@@ -11,8 +11,9 @@ from gateway.images.services import PRODUCT, Diagnostics, Identity
 from gateway.images.tables import make_tables, perform
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import TABLE_FUNCTIONS
-from gateway.modbus.pdu import RequestPdu
+from gateway.modbus.pdu import RequestPdu, Span
 from gateway.profiles.profile import Profile, Range
+from gateway.registers.masks import write_after
 from gateway.request import Request
 from gateway.trace.ring import Ring
 
@@ -126,18 +127,23 @@ class Image:
         pdu = request.pdu
         if pdu[0] not in TABLE_FUNCTIONS and pdu[0] not in self._services:
             raise IllegalFunction(f"an image has no function {pdu[0]}")
-        asked = self._check_in_one_turn(request) if request.in_one_turn else self._profile.check(pdu)
+        function, request.in_one_turn = request.in_one_turn, 0
+        if function and not self._profile.masks(pdu):
+            return self._check_in_one_turn(pdu, function)
+        return self._check_places(self._profile.check(pdu))
+
+    def _check_in_one_turn(self, pdu: bytes, function: int) -> RequestPdu:
+        """Check a write to bits, which is done at once, and the write of `function` that does the same."""
+        asked = self._check_places(self._profile.check_in_one_turn(pdu, function))
+        before = self.tables[Area.HOLDING].read(cast("Span", asked.write))
+        self._profile.check(write_after(pdu, int.from_bytes(before, "big"), function))
+        return asked
+
+    def _check_places(self, asked: RequestPdu) -> RequestPdu:
         for span in (asked.read, asked.write):
             if span is not None and not self.tables[span.area].has(span):
                 raise IllegalDataAddress(f"{self.settings.name} has no {span.area} {span.addresses}")
         return asked
-
-    def _check_in_one_turn(self, request: Request) -> RequestPdu:
-        """Check a write to bits, which is done at once, whether or not the profile names function 22."""
-        function, request.in_one_turn = request.in_one_turn, 0
-        if self._profile.names(request.pdu[0]):
-            return self._profile.check(request.pdu)
-        return self._profile.check_in_one_turn(request.pdu, function)
 
     def __repr__(self) -> str:
         counts = f"requests={self.counts.requests} exceptions={self.counts.exceptions}"

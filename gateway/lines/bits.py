@@ -2,17 +2,20 @@
 
     waits ──its turn──▶ read ──valid response──▶ write, before anything else ──▶ the response
                          ├──its repeat──▶ read
-                         └──exception, none, a doubtful one──▶ the same; nothing is written
+                         ├──exception, none, a doubtful one──▶ the same; nothing is written
+                         └──a guard that the write would break──▶ 03; nothing is written
 
 Each of these is a transaction of its own, so line and upstream treat it as any other. What differs: nothing of the
 gateway comes between read and write, so the register is written as it was read but for these bits; and on a line with
 another client, which could come between, neither is sent.
 """
 
-from gateway.lines.transaction import Transaction
+from gateway.errors import RequestError
+from gateway.lines.transaction import Destination, Transaction
 from gateway.modbus.codes import EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import RequestPdu, parse_request
 from gateway.registers.masks import read_before, write_after
+from gateway.request import Request
 
 
 class BitsTransaction(Transaction):
@@ -33,28 +36,38 @@ class BitsTransaction(Transaction):
 
 
 class BitsRead(BitsTransaction):
-    """The read of the register. Its response does not end the request, unless it is an exception."""
+    """The read of the register. Its response ends the request only if it is an exception, or forbids the write."""
 
-    __slots__ = ()
+    __slots__ = ("_refusal",)
+
+    def __init__(self, request: Request, asked: RequestPdu, device: Destination) -> None:
+        super().__init__(request, asked, device)
+        self._refusal: RequestError | None = None
 
     def opening(self) -> Transaction:
         """Return itself."""
         return self
 
     def following(self, pdu: bytes) -> Transaction | None:
-        """Make the write that follows from the response; None after an exception."""
+        """Make the write that follows from the response; None after an exception, or if it must not be sent."""
         if pdu[0] & EXCEPTION_BIT:
             return None
         request = self.requests[0]
         written = write_after(request.pdu, int.from_bytes(pdu[2:], "big"), request.in_one_turn)
-        return BitsWrite(request, parse_request(written), self.device)
+        try:
+            return BitsWrite(request, self.device.check(written), self.device)
+        except RequestError as error:
+            self._refusal = error
+            return None
 
     def respond(self, pdu: bytes, now: float) -> None:
-        """Pass an exception on; only measure any other response."""
+        """Pass an exception on, or say why nothing is written; else only measure the response."""
         if pdu[0] & EXCEPTION_BIT:
             super().respond(_exception(pdu), now)
-        else:
-            self.times.samples.add(self.asked.items, now - self.ends_at)
+            return
+        self.times.samples.add(self.asked.items, now - self.ends_at)
+        if self._refusal is not None:
+            self.device.refuse(self.requests[0], self._refusal, now)
 
 
 class BitsWrite(BitsTransaction):

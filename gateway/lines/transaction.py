@@ -8,7 +8,7 @@ from gateway.lines.counts import UnitCounts
 from gateway.lines.last_reads import LastReads
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
-from gateway.modbus.pdu import RequestPdu, Span
+from gateway.modbus.pdu import RequestPdu, Span, parse_request
 from gateway.request import Request
 from gateway.timing.budget import AnswerTime, Budget
 
@@ -60,6 +60,19 @@ class Destination:
         """Note that a write to `span` (None: to any address) was sent, and may have been carried out."""
         if self.last_reads is not None:
             self.last_reads.written(span, now)
+
+    def check(self, pdu: bytes) -> RequestPdu:
+        """Parse a request PDU, and check that it may be sent there.
+
+        Raises:
+            RequestError: it must not.
+        """
+        return parse_request(pdu)
+
+    def refuse(self, request: Request, error: RequestError, now: float) -> None:  # noqa: ARG002 - for subclasses
+        """Fail a request that must not be sent."""
+        self.counts[request.pdu[0]].count_error(error, 1)
+        request.fail(error)
 
     def finished(self, transaction: "Transaction", response: Frame | None) -> None:
         """Note that a transaction has ended; `response` is None if none came. Must not answer requests.

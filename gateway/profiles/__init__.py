@@ -4,6 +4,7 @@ The shipped profiles are the TOML files in this folder, one kind of device each,
 
 - profile, point    the rules for requests, and the values
 - coding, conversion    a point's number in its items, and in those of another point
+- guards       what may be written to points with limits, by whomever
 - read_rules, holes, published    what one read of a device may take, and the points that are published
 - identity, recognition, sunspec    what tells the kind of a unit, and the reads that find it
 - columns      a table of points as CSV

@@ -81,16 +81,6 @@ class Conversion:
         return int(factor * divisor), int(summand * divisor), divisor
 
 
-def keeps_limits(point: Point, items: bytes) -> bool:
-    """Tell whether the value in the items of the point's `read_span` is within its limits; text has none."""
-    number, exponent = decoder(point)(items), point.exponent(items)
-    if number is None or exponent is None or isinstance(number, str):
-        return True
-    value = _decimal(number) * _decimal(point.scale) * Fraction(10) ** exponent + _decimal(point.offset)
-    too_low = point.minimum is not None and value < _decimal(point.minimum)
-    return not (too_low or (point.maximum is not None and value > _decimal(point.maximum)))
-
-
 def _order(source: Point, target: Point | None) -> Order | None:
     """Find the order in which the bytes of the source are what the target has; None if more is to be done."""
     if target is None:

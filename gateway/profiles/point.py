@@ -37,7 +37,8 @@ class Point:
     by ten to the power of the int16 there. Some numbers have `labels` instead. The encoded numbers `invalid`, which are
     those of the whole register where only bits count, say that there is no value.
 
-    What is written must be from `minimum` to `maximum`, and is written at `write_at` if that is another place.
+    What is written must be from `minimum` to `maximum`, and is written at `write_at` if that is another place. Bits are
+    written `in_turn` if a guarded point has bits of their register, too: with a read and a write, not with function 22.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Point:
     write_function: WriteFunction = "auto"
     scale_at: int | None = None
     width: int = 2
+    in_turn: bool = False
 
     @property
     def span(self) -> Span:
@@ -76,6 +78,31 @@ class Point:
         """The addresses that are written for it: coils or holding registers."""
         area = Area.COILS if has_bits(self.area) else Area.HOLDING
         return Span(area, self.address if self.write_at is None else self.write_at, self.count)
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether it is written within limits only, by whomever."""
+        return self.write != "no" and (self.minimum is not None or self.maximum is not None)
+
+    @property
+    def limits(self) -> str:
+        """What may be written, as text: `0 to 1500 rpm`; empty if that is any value."""
+        least, greatest = (None if each is None else f"{each:.15g}" for each in (self.minimum, self.maximum))
+        unit = f" {self.unit}" if self.unit else ""
+        if least is not None and greatest is not None:
+            return f"{least} to {greatest}{unit}"
+        return (
+            f"at least {least}{unit}"
+            if least is not None
+            else f"at most {greatest}{unit}"
+            if greatest is not None
+            else ""
+        )
+
+    @property
+    def rule(self) -> str:
+        """What everyone is told who writes another value: `speed must be 0 to 1500 rpm`."""
+        return f"{self.name} must be {self.limits}"
 
     @property
     def bits_shown(self) -> str:
@@ -170,6 +197,12 @@ class Point:
         first, last = self.bits or (0, 8 * self.count * self.width - 1)
         return (1 << (last + 1)) - (1 << first)
 
+    @property
+    def register_masks(self) -> tuple[int, ...]:
+        """The bits of its registers that are its own, of each register as the device has it."""
+        own = swapped(self.mask.to_bytes(self.count * self.width, "big"), self.swap)
+        return tuple(int.from_bytes(own[at : at + self.width], "big") for at in range(0, len(own), self.width))
+
     def carried(self, own: bytes) -> Value | None:
         """Find the number that its own items carry; None for one that means no value."""
         if self.type == "string" and self.bits is not None:  # one character in each register
@@ -214,9 +247,9 @@ class Point:
             return
         least, greatest = self.minimum, self.maximum
         if least is not None and number < Decimal(repr(least)):
-            raise ValueError(f"{text} is too low: {self.name} is at least {self.show(_plain(least))}")
+            raise ValueError(f"{text} is too low: {self.rule}")
         if greatest is not None and number > Decimal(repr(greatest)):
-            raise ValueError(f"{text} is too high: {self.name} is at most {self.show(_plain(greatest))}")
+            raise ValueError(f"{text} is too high: {self.rule}")
 
     def _encoded(self, text: str, number: Decimal, exponent: int) -> int | float:
         """Compute the encoded number for a value."""
@@ -273,8 +306,3 @@ class Point:
     @property
     def _offset(self) -> Decimal:
         return Decimal(repr(self.offset))
-
-
-def _plain(number: float) -> float:
-    """Make a whole number an int, as values are."""
-    return int(number) if number == int(number) else number

@@ -1,15 +1,17 @@
 """A profile: the rules that a request to a kind of device must satisfy before it is sent."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
 
 from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import BROADCAST_FUNCTIONS, WIDE
 from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent, parse_wide, spans_of
+from gateway.profiles.guards import NO_GUARDS, Guards
 from gateway.profiles.identity import Identity
+from gateway.profiles.point import Point
 from gateway.registers.items import REGISTER, WIDE_REGISTER
-from gateway.registers.masks import read_before, write_after
+from gateway.registers.masks import read_before, write_after, written_bits
 from gateway.timing.table import TimingTable
 
 #: First and last address of a range.
@@ -24,7 +26,7 @@ class Profile:
     area that is not named has all. `idle_chars` is the silence that ends a frame for this device. With `any_coil`, 05
     may have other values than FF00 and 0000. `quirks` are its other deviations from the protocol. It sleeps after
     `wake` seconds without a request; 0 for never. Registers in `wide` have four bytes. Points are read together over
-    gaps of at most `max_gap` addresses, none of them `only_written`.
+    gaps of at most `max_gap` addresses, none of them `only_written`. `guarding` makes one whose `guards` hold.
     """
 
     name: str
@@ -44,6 +46,13 @@ class Profile:
     max_gap: int = 0
     only_written: tuple[Span, ...] = ()
     identity: Identity | None = None
+    guards: Guards = NO_GUARDS
+
+    def guarding(self, points: Iterable[Point]) -> "Profile":
+        """Make the profile of a device that has these points, of which those with limits are guarded."""
+        guards = Guards.of(points)
+        kind = GuardedProfile if guards else Profile
+        return kind(**{each.name: getattr(self, each.name) for each in fields(self)} | {"guards": guards})
 
     def check(self, pdu: bytes) -> RequestPdu:
         """Parse `pdu`, and check that this kind of device accepts it.
@@ -73,13 +82,19 @@ class Profile:
     def check_in_one_turn(self, pdu: bytes, function: int) -> RequestPdu:
         """Parse a PDU of function 22, and check that this kind of device accepts a read, and a write with `function`.
 
+        That write must be checked again when it is known.
+
         Raises:
             RequestError: as `check`.
         """
         asked = parse_request(pdu)
         for part in (read_before(pdu), write_after(pdu, 0, function)):
-            self.check(part)
+            Profile.check(self, part)  # the guards are for the register as it will be
         return asked
+
+    def masks(self, pdu: bytes) -> bool:
+        """Tell whether a PDU of function 22 that the gateway itself has made is sent as it is."""
+        return self.names(pdu[0])
 
     def has_wide(self, span: Span) -> bool:
         """Tell whether one of the items has four bytes."""
@@ -118,6 +133,34 @@ class Profile:
         for span in (asked.read, asked.write):
             if span is not None and not covers(self.areas.get(span.area), span):
                 raise IllegalDataAddress(f"profile {self.name} has no {span.area} {span.addresses}")
+
+
+class GuardedProfile(Profile):
+    """A profile with guards. Others do not look at the values that are written, so they need no time for it."""
+
+    __slots__ = ()
+
+    def check(self, pdu: bytes) -> RequestPdu:
+        """Parse and check `pdu`, and what it writes.
+
+        Raises:
+            RequestError: as `Profile.check`; IllegalDataValue if a guard does not hold.
+        """
+        asked = Profile.check(self, pdu)
+        if asked.write is not None:
+            self.guards.check(asked)
+        return asked
+
+    def check_in_one_turn(self, pdu: bytes, function: int) -> RequestPdu:
+        """Check a read and a write, and the guards of the bits. See `Profile.check_in_one_turn`."""
+        asked = Profile.check_in_one_turn(self, pdu, function)
+        if asked.write is not None:
+            self.guards.check_bits(asked.write, *written_bits(pdu))
+        return asked
+
+    def masks(self, pdu: bytes) -> bool:
+        """Tell whether a PDU of function 22 is sent as it is: not where a guard needs to see the register."""
+        return Profile.masks(self, pdu) and not any(self.guards.touch(span) for span in spans_of(pdu))
 
 
 def width_at(wide: Mapping[Area, tuple[Range, ...]] | Mapping[str, tuple[Range, ...]], span: Span) -> int | None:

@@ -8,7 +8,6 @@ from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import Span
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
-from gateway.registers.datatypes import swapped
 from gateway.registers.items import (
     REGISTER,
     WRITERS,
@@ -91,14 +90,14 @@ def _request_for_bits(readings: Sequence[Reading], functions: Container[int] | N
     point, name = readings[0].point, readings[0].point.name
     if len(readings) > 1:
         raise DoesNotFit("bits of a register are written alone", "write the points one by one")
-    masks = _registers(swapped(point.mask.to_bytes(point.count * point.width, "big"), point.swap))
+    masks = point.register_masks
     touched = [at for at, mask in enumerate(masks) if mask]
     if len(touched) > 1 or point.width != REGISTER:
         raise DoesNotFit(f"{name} cannot be written: one request writes bits of one register of 16 bits")
     at = touched[0]
     span = Span(Area.HOLDING, point.write_span.start + at, 1)
     pdu = mask_request(span.start, masks[at], _registers(point.own(readings[0].items))[at])
-    if functions is not None and FunctionCode.MASK_WRITE_REGISTER in functions:
+    if functions is not None and FunctionCode.MASK_WRITE_REGISTER in functions and not point.in_turn:
         return Write(pdu, span)
     how: WriteFunction = "multiple" if multiple else point.write_function
     return Write(pdu, span, int(write_function(Area.HOLDING, 1, functions, how=how)))

@@ -11,6 +11,12 @@ def mask_request(address: int, mask: int, bits: int) -> bytes:
     return bytes((FunctionCode.MASK_WRITE_REGISTER,)) + words
 
 
+def written_bits(pdu: bytes) -> tuple[int, int]:
+    """Return the mask of the bits that a request PDU sets, whatever the register holds, and their values."""
+    mask = int.from_bytes(pdu[3:5], "big") ^ 0xFFFF
+    return mask, masked(pdu, 0)
+
+
 def masked(pdu: bytes, before: int) -> int:
     """Compute what a request PDU makes of a register that holds `before`."""
     and_mask, or_mask = int.from_bytes(pdu[3:5], "big"), int.from_bytes(pdu[5:7], "big")

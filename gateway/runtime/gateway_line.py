@@ -225,7 +225,7 @@ class GatewayLine:
     def _every_device(self, plan: LinePlan) -> EveryDevice:
         quirks = frozenset[str]().union(*(each.profile.quirks for each in plan.devices))
         if not quirks:
-            return EveryDevice(self.driver)
+            return EveryDevice(self.driver, self._emit, self._ring, self.name)
         return EveryQuirkyDevice(self.driver, quirks, self._emit, self._ring, self.name)
 
     def _device(self, settings: DeviceSettings) -> Device:

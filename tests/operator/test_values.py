@@ -100,7 +100,7 @@ def test_a_scale_that_cannot_be_read_is_a_failure_and_nothing_is_written():
 
 
 def test_a_value_that_no_request_can_write_is_refused_before_the_first_step():
-    with pytest.raises(DoesNotFit, match="21 is too high: count is at most 20"):
+    with pytest.raises(DoesNotFit, match="21 is too high: count must be"):
         writing(new(COUNT, "21"))
 
 

@@ -163,7 +163,7 @@ async def test_limits_and_functions_are_those_of_the_point(bench, device):
     await write(bench, "limit", 20)
     assert written(device) == ["10 00 02 00 01 02 00 14"]
     for value in (9, 21):
-        with pytest.raises(DoesNotFit, match="limit is at"):
+        with pytest.raises(DoesNotFit, match="limit must be"):
             await write(bench, "limit", value)
     assert len(written(device)) == 1
     await write(bench, "count", 12345678)

@@ -148,15 +148,15 @@ async def test_some_bits_of_a_register_are_a_number_of_their_own(config):
         chiller, broker = await begun(bench)
         assert await wrote(broker, "stage", "5") == "ok"
         assert chiller.holding[6] == 0b1010_0000_0101_0101
-        assert await wrote(broker, "stage", "6") == "6 is too high: stage is at most 5"
+        assert await wrote(broker, "stage", "6") == "6 is too high: stage must be at most 5"
         assert chiller.holding[6] == 0b1010_0000_0101_0101
 
 
 async def test_a_value_beyond_the_limits_is_refused_and_audited():
     async with gateway_bench(MASKING) as bench:
         chiller, broker = await begun(bench)
-        assert await wrote(broker, "setpoint", "30.1") == "30.1 is too high: setpoint is at most 30"
-        assert await wrote(broker, "setpoint", "4.9") == "4.9 is too low: setpoint is at least 5"
+        assert await wrote(broker, "setpoint", "30.1") == "30.1 is too high: setpoint must be 5 to 30"
+        assert await wrote(broker, "setpoint", "4.9") == "4.9 is too low: setpoint must be 5 to 30"
         assert written(chiller) == []
         audits = [event for event in bench.events if isinstance(event, WriteAudit)]
         assert [(each.address, each.function, each.result) for each in audits] == [(100, 6, "refused")] * 2

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gateway.modbus.codes import Area
 from gateway.profiles.coding import arranged
-from gateway.profiles.conversion import Conversion, keeps_limits
+from gateway.profiles.conversion import Conversion
 from gateway.profiles.point import Point
 from gateway.registers.datatypes import SWAPS, bounds, decode, encode, is_float, registers_of
 
@@ -193,18 +193,3 @@ def test_whether_there_is_a_value():
     there = Conversion(point("int16", invalid=(-1,)), point("uint16"))
     assert there.has_value(b"\xff\xfe")
     assert not there.has_value(b"\xff\xff")
-
-
-@pytest.mark.parametrize(("number", "keeps"), [(-101, False), (-100, True), (0, True), (505, True), (506, False)])
-def test_limits(number, keeps):
-    assert keeps_limits(point("int16", scale=0.1, minimum=-10, maximum=50.5), encode(number, "int16")) == keeps
-
-
-def test_text_has_no_limits():
-    assert keeps_limits(point("string", minimum=5), b"AB")
-
-
-def test_swaps_of_pairs():
-    assert arranged("words", 8, 4)(bytes(range(8))) == bytes((2, 3, 0, 1, 6, 7, 4, 5))
-    assert arranged("both", 6, 4)(bytes(range(6))) == bytes((3, 2, 1, 0, 5, 4))
-    assert arranged("none", 8, 4)(bytes(range(8))) == bytes(range(8))

@@ -206,8 +206,8 @@ def test_a_value_with_a_scale_register_is_encoded_by_what_it_holds_now():
         (ALARMS, "2", r"^2 does not fit into bit 3: 0 to 1$"),
         (HIGH, "200", r"^200 does not fit into int8: -128 to 127$"),
         (CODE, "-1", r"^-1 does not fit into bcd32: 0 to 99999999$"),
-        (Point("p", Area.HOLDING, 1, minimum=5.0, maximum=9.5), "4", r"^4 is too low: p is at least 5$"),
-        (Point("p", Area.HOLDING, 1, minimum=5.0, maximum=9.5), "10", r"^10 is too high: p is at most 9.5$"),
+        (Point("p", Area.HOLDING, 1, minimum=5.0, maximum=9.5), "4", r"^4 is too low: p must be 5 to 9.5$"),
+        (Point("p", Area.HOLDING, 1, minimum=5.0, maximum=9.5), "10", r"^10 is too high: p must be 5 to 9.5$"),
     ],
 )
 def test_a_value_that_the_point_must_not_have_is_refused(point, text, reason):

@@ -109,7 +109,7 @@ async def test_writes_go_to_their_devices_and_the_audit_names_both():
             (240, "meter-2", 22, 4, "ok"),
             (240, "shift", 6, 5, "ok"),
             (240, "", 6, 50, "ok"),
-            (240, "", 16, 0, "refused"),
+            (240, "meter-1", 16, 0, "refused"),
         ]
 
 

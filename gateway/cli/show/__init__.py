@@ -3,7 +3,7 @@
 - status, status_tables, advice    `status`: tables, and the notes below them
 - fleet    `status --fleet`
 - check, quotes    `check`: all of it, and the lines that are wrong; the parts of a config are in the modules below
-- listeners, rights, lines, line_load, servers, monitors, sites, images, published    parts of a config
+- listeners, rights, lines, line_load, servers, monitors, sites, images, guarded, published    parts of a config
 - virtual, mapped    virtual units, and what stands at their addresses
 - known_values    `values`
 - map, register_map    `map`

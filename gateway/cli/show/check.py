@@ -6,6 +6,7 @@ from itertools import zip_longest
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
+from gateway.cli.show.guarded import guarded_as_json, guarded_as_text
 from gateway.cli.show.images import images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.show.lines import line_as_json, line_as_text
 from gateway.cli.show.listeners import listeners_as_json, listeners_as_text
@@ -48,6 +49,7 @@ def check_as_text(loaded: Loaded, plan: Plan | None, in_words: Callable[[Problem
     parts += [monitor_as_text(monitor, plan) for monitor in plan.monitors]
     parts += images_as_text(plan)
     parts += virtual_as_text(plan)
+    parts += guarded_as_text(plan)
     parts += published_as_text(plan)
     parts += trends_as_text(plan)
     parts += _profiles(loaded)
@@ -129,6 +131,7 @@ def check_as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         picture["images"] = images_as_json(plan)
         picture["mirrors"] = mirrors_as_json(plan)
         picture["virtual_units"] = virtual_as_json(plan)
+        picture["guarded_points"] = guarded_as_json(plan)
         picture["published"] = published_as_json(plan)
         picture["trends"] = trends_as_json(plan)
         picture["profiles"] = [{"name": each.name, "from": each.place, "hides": each.hides} for each in loaded.profiles]

@@ -71,12 +71,26 @@ def _check_bits(table: PointTable, area: Area, profile: ProfileTable | None, wid
         yield error((*table.path, key), "bits can be written only in the holding register in which they are", remedy)
     elif width > REGISTER or first // 16 != last // 16 or table.length is not None:
         yield error((*table.path, key), "can be written only in one register of two bytes", "take write out")
+    elif table.min is not None or table.max is not None:
+        yield from _check_guarded_bits(table, area, profile, width)
     elif profile is not None and (profile.functions is None or _MASK_WRITE not in profile.functions):
         if table.write == "only":
             remedy = f"add {int(_MASK_WRITE)} to the functions of the profile if the device has it"
             yield error((*table.path, "write"), "bits are written by reading the others, and it is never read", remedy)
         else:
             yield from _check_functions(table, area, profile, width)
+
+
+def _check_guarded_bits(table: PointTable, area: Area, profile: ProfileTable | None, width: int) -> Iterator[Problem]:
+    """Check what writes bits with limits: always a read and a write, for function 22 does not tell the value."""
+    remedy = "take min and max out, or make the register a point with them"
+    if table.write == "only":
+        yield error((*table.path, "write"), "bits with limits are written by reading the others first", remedy)
+    elif table.invalid and size_of(table, area, width) > 1:
+        what = "numbers of several registers, and limits are for the one that is written"
+        yield error((*table.path, "invalid"), what, "take it out, or min and max")
+    elif profile is not None:
+        yield from _check_functions(table, area, profile, width)
 
 
 def _check_functions(table: PointTable, area: Area, profile: ProfileTable, width: int) -> Iterator[Problem]:

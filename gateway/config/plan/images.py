@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from gateway.config.plan.areas import initial_values, ranges_in
+from gateway.config.plan.unit_points import points_in
 from gateway.config.schema.image import Image
 from gateway.config.values.ranges import join_ranges
 from gateway.devices.device import DeviceSettings
@@ -21,11 +22,13 @@ def kind_of(image: Image) -> Literal["image", "mirror", "virtual unit"]:
 
 def image_settings(image: Image, profiles: Mapping[str, Profile]) -> ImageSettings:
     """Turn a table without `of` into the settings of a register image."""
+    areas = {area: ranges_in(area, image) for area in Area if ranges_in(area, image)}
+    profile = profiles[image.profile]
     return ImageSettings(
         unit=image.unit,
         name=image.label,
-        profile=profiles[image.profile],
-        areas={area: ranges_in(area, image) for area in Area if ranges_in(area, image)},
+        profile=profile.guarding(points_in(areas, profile.guards.points)) if profile.guards else profile,
+        areas=areas,
         initial={
             area: tuple((row.at, row.values) for row in initial_values(area, image))
             for area in Area

@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from gateway.config.plan.fleet import lease_of
 from gateway.config.plan.names import Owner, device_names, keys_of, rows_of, unlisted_units
-from gateway.config.plan.profiles import only_written
+from gateway.config.plan.profiles import guarded, only_written
 from gateway.config.plan.reach import listeners_for, own_units, units_without_devices
 from gateway.config.plan.settings import (
     SHARED_ARRIVES_WITHIN,
@@ -178,6 +178,9 @@ def _of_row(owner: Owner, row: Device, profiles: dict[str, Profile], config: Con
     own = only_written(row.points, config.profile[kind])
     if own:
         profile = replace(profile, only_written=(*profile.only_written, *own))
+    limited = guarded(row.points, config.profile[kind])
+    if limited:
+        profile = profile.guarding((*profile.guards.points, *limited))
     if BROADCAST_UNIT in row.units and isinstance(owner, Line):
         profile = replace(profile, functions=ASKED_AT_ZERO)
     answer_time, wake = _answer_time(owner, row, profile), _wake(owner, row, profile)

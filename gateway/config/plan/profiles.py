@@ -6,6 +6,7 @@ from gateway.config.plan.points import points_of
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
+from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.timing.table import Point as TimingPoint
 from gateway.timing.table import TimingTable
@@ -36,6 +37,17 @@ def profile_of(name: str, table: ProfileTable) -> Profile:
         only_written=only_written(table.points, table),
         identity=table.identity,
     )
+
+
+def guarded_profile_of(name: str, table: ProfileTable) -> Profile:
+    """Make the profile of devices that a table describes: with the guards of its points."""
+    return profile_of(name, table).guarding(guarded(table.points, table))
+
+
+def guarded(points: Iterable[PointTable], kind: ProfileTable) -> tuple[Point, ...]:
+    """Make those of the points of a kind of device that are written within limits only."""
+    tables = [each for each in points if each.write != "no" and not (each.min is None and each.max is None)]
+    return points_of(tables, kind) if tables else ()
 
 
 def only_written(points: Iterable[PointTable], kind: ProfileTable) -> tuple[Span, ...]:

@@ -1,6 +1,7 @@
 """The points of every unit."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ from gateway.images import self_map
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
 from gateway.modbus.codes import Area
+from gateway.profiles.guards import Guard, Guards
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range, covers
 
@@ -30,7 +32,7 @@ def points_of_profiles(config: Config) -> Callable[[str], tuple[Point, ...]]:
 
     @cache  # most of the built-in profiles are not in use
     def of_profile(name: str) -> tuple[Point, ...]:
-        return points_of(config.profile[name].points, config.profile[name])
+        return with_turns(points_of(config.profile[name].points, config.profile[name]))
 
     return of_profile
 
@@ -77,9 +79,24 @@ def points_of_devices(config: Config, of_profile: Callable[[str], tuple[Point, .
     for owner in owners(config):
         for row in rows_of(owner):
             kind = row.profile or owner.profile
-            points = (*of_profile(kind), *points_of(row.points, config.profile[kind]))
+            points = of_profile(kind)
+            if row.points:
+                points = with_turns((*points, *points_of(row.points, config.profile[kind])))
             named = zip(device_names(owner, row), keys_of(owner, row), strict=True)
             yield from (DevicePoints(name, key, points) for name, key in named)
+
+
+def with_turns(points: tuple[Point, ...]) -> tuple[Point, ...]:
+    """Have bits written in a turn where a guarded point has bits of their register: it must be seen as a whole."""
+    guards = Guards.of(points)
+    if not guards:
+        return points
+    return tuple(
+        replace(each, in_turn=True)
+        if each.bits is not None and each.write != "no" and guards.touch(Guard.of(each).place)
+        else each
+        for each in points
+    )
 
 
 def points_in(areas: Mapping[Area, tuple[Range, ...]], points: Iterable[Point]) -> tuple[Point, ...]:

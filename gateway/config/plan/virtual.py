@@ -36,13 +36,15 @@ class Maps:
 
     def added_to(self, plan: Plan) -> Plan:
         """Add the virtual units, whose rows have passed their checks, and their points."""
-        units = tuple(_settings(target, rows) for target, rows in zip(self.targets, self.rows, strict=True))
-        points = {
-            unit.unit: points_of_profile(unit, target.points.values()) or points_of_rows(unit, self.sources)
-            for unit, target in zip(units, self.targets, strict=True)
-        }
+        units, points = [], {}
+        for target, rows in zip(self.targets, self.rows, strict=True):
+            unit = _settings(target, rows)
+            own = points_of_profile(unit, target.points.values())
+            profile = unit.profile.guarding(own)
+            units.append(replace(unit, profile=profile, own=replace(unit.own, profile=profile)))
+            points[unit.unit] = own or points_of_rows(unit, self.sources)
         return replace(
-            plan, virtual=units, points={**plan.points, **{key: each for key, each in points.items() if each}}
+            plan, virtual=tuple(units), points={**plan.points, **{key: each for key, each in points.items() if each}}
         )
 
 

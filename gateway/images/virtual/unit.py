@@ -161,7 +161,7 @@ class VirtualUnit(OrderedUnit):
         Raises:
             RequestError: it touches more than that, or does not suit the row.
         """
-        if request.in_one_turn and not self._profile.names(request.pdu[0]):
+        if request.in_one_turn and not self._profile.masks(request.pdu):
             asked = self._checked(self._profile.check_in_one_turn(request.pdu, request.in_one_turn))
         else:
             asked = self._checked(self._profile.check(request.pdu))

@@ -6,7 +6,6 @@ from gateway.errors import DoesNotFit, IllegalDataAddress, IllegalDataValue, Sta
 from gateway.images.virtual.row import Row
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span
-from gateway.profiles.conversion import keeps_limits
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
 from gateway.profiles.writing import Write, request_to_write
@@ -21,7 +20,7 @@ def write_to(row: Row, asked: RequestPdu, in_one_turn: int, before: bytes | None
 
     Raises:
         IllegalDataAddress: the row takes no writes.
-        IllegalDataValue: a value is not written as a whole, does not fit, or is not within its limits.
+        IllegalDataValue: a value is not written as a whole, or does not fit. Its device guards its limits.
         StaleValue: a scale register is needed, and not known.
     """
     place, span = row.place, cast("Span", asked.write)
@@ -46,8 +45,6 @@ def _write_of_value(row: Row, point: Point, asked: RequestPdu, before: bytes | N
     if own is None:
         raise IllegalDataValue(f"the value does not fit {row.mapped.device} {point.name}")
     items = own if before is None else point.around(own, before)
-    if not keeps_limits(point, items):
-        raise IllegalDataValue(f"the value is not within the limits of {row.mapped.device} {point.name}")
     profile = row.source.profile
     try:
         return request_to_write([Reading(point, items, is_written=True)], profile.limits, profile.functions)

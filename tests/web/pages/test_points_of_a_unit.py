@@ -147,7 +147,7 @@ async def test_an_input_is_written_where_its_point_says(anna, device):
 async def test_a_value_beyond_the_limits_is_refused_before_anything_is_asked(anna, device):
     page = await anna.post(f"{PAGE}/writes", {"point": "limit", "value": "20.5"})
     assert page.status == 422
-    assert "20.5 is too high: limit is at most 20" in page.text
+    assert "20.5 is too high: limit must be 10 to 20" in page.text
     assert heard(device) == []
 
 
