@@ -6,7 +6,7 @@ from math import isfinite
 from struct import error, pack, unpack
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.errors import IllegalDataValue, RequestError
@@ -66,6 +66,27 @@ def test_each_point_at_the_same_register_must_hold() -> None:
     assert not passes(profile, bytes.fromhex("06 0008 0060"))
 
 
+@pytest.mark.parametrize(
+    ("swap", "register", "value"), [("none", 0x15, "0060"), ("words", 0x14, "0060"), ("both", 0x14, "6000")]
+)
+def test_bits_of_several_registers_are_in_one_of_them(swap: str, register: int, value: str) -> None:
+    profile = Profile("p").guarding(
+        [Point("x", Area.HOLDING, 20, "uint32", swap, 2, bits=(4, 6), write="yes", maximum=5)]
+    )
+    head = f"06 {register:04X}"
+    assert not passes(profile, bytes.fromhex(f"{head} {value}"))
+    assert passes(profile, bytes.fromhex(f"{head} {value.replace('6', '5')}"))
+    assert passes(profile, bytes.fromhex(f"06 {0x29 - register:04X} FFFF"))
+
+
+def test_a_register_of_four_bytes_is_where_it_is_in_the_request() -> None:
+    point = Point("x", Area.HOLDING, WIDE + 1, "uint32", write="yes", maximum=9, width=4)
+    profile = profile_with([point])
+    for numbers, is_within in (((99, 9, 99), True), ((9, 10, 9), False)):
+        pdu = f"10 {WIDE:04X} 0003 0C {''.join(f'{number:08X}' for number in numbers)}"
+        assert passes(profile, bytes.fromhex(pdu)) == is_within
+
+
 def test_labels_and_types_guard_nothing() -> None:
     points = [Point("state", Area.HOLDING, 8, "bcd16", labels={0: "off"}, write="yes"), Point("x", Area.HOLDING, 9)]
     assert type(Profile("p").guarding(points)) is Profile
@@ -98,10 +119,10 @@ def limited_points(draw: st.DrawFn) -> Point:
     bits = None
     if data_type in ("uint8", "int8"):
         bits = draw(st.sampled_from([(0, 7), (8, 15)]))
-    elif width == 2 and data_type in ("uint16", "uint32", "uint64") and draw(st.booleans()):
+    elif width == 2 and data_type in ("uint16", "uint32", "uint64") and draw(st.integers(0, 2)):
         word, first = 16 * draw(st.integers(0, size - 1)), draw(st.integers(0, 14))
         bits = (word + first, word + draw(st.integers(first + 1, 15)))
-    at = draw(st.integers(0, 8)) + (WIDE if width == 4 else 0)
+    at = draw(st.integers(0, 4)) + (WIDE if width == 4 else 0)
     limits = draw(st.tuples(_limits, _limits).filter(any))
     least, greatest = limits if None in limits else sorted(limits)
     is_elsewhere = bits is None and draw(st.booleans())
@@ -126,16 +147,22 @@ def limited_points(draw: st.DrawFn) -> Point:
 
 _limits = st.none() | st.sampled_from([0.0, 1.0, -40.0, 0.1, 100.0, 65535.0, 3e9, -3e9, 1e30])
 _registers = st.binary(min_size=2, max_size=2) | st.sampled_from(
-    [bytes.fromhex(each) for each in ("0000", "0001", "0003", "0100", "0300", "FFFF", "7FC0", "C07F", "8000", "0099")]
+    [
+        bytes.fromhex(each)
+        for each in ("0000", "0001", "0003", "0100", "0300", "FFFF", "7FC0", "C07F", "8000", "0064", "6400")
+    ]
 )
 
 
 @st.composite
-def writes(draw: st.DrawFn) -> bytes:
-    function = draw(st.sampled_from([5, 6, 15, 16, 16, 16, 22, 23, 23, 3]))
-    start = draw(st.integers(0, 12)) + draw(st.sampled_from([0, 0, WIDE]))
+def writes(draw: st.DrawFn, points: list[Point]) -> bytes:
+    """Requests to registers near those of points, and often to just those of one."""
+    function = draw(st.sampled_from([5, 6, 6, 15, 16, 16, 16, 16, 22, 22, 23, 23, 3]))
+    point = draw(st.sampled_from(points))
+    own = own_registers(point)
+    near = st.tuples(st.integers(0, 6) | st.integers(WIDE, WIDE + 3), st.integers(1, 6))
+    start, count = draw(st.just((min(own), len(own))) | near)
     address, value = start.to_bytes(2, "big"), draw(_registers)
-    count = draw(st.integers(1, 8))
     width = 4 if start >= WIDE and function == 16 else 2
     values = b"".join(draw(_registers) for _ in range(count * width // 2))
     head = bytes((function,)) + address
@@ -162,10 +189,12 @@ def passes(profile: Profile, pdu: bytes) -> bool:
     return True
 
 
-@given(st.lists(limited_points(), min_size=1, max_size=4), writes())
+@settings(max_examples=600)
+@given(st.data(), st.lists(limited_points(), min_size=1, max_size=4))
 def test_a_write_passes_if_each_guarded_point_that_it_touches_is_whole_and_within(
-    points: list[Point], pdu: bytes
+    data: st.DataObject, points: list[Point]
 ) -> None:
+    pdu = data.draw(writes(points))
     try:
         profile_with([]).check(pdu)
     except RequestError:
@@ -173,6 +202,7 @@ def test_a_write_passes_if_each_guarded_point_that_it_touches_is_whole_and_withi
     assert passes(profile_with(points), pdu) == all(holds(point, pdu) for point in points)
 
 
+@settings(max_examples=300)
 @given(st.lists(limited_points(), min_size=1, max_size=3), st.integers(0, 12), _registers, _registers, _registers)
 def test_a_write_of_bits_in_one_turn_leaves_each_guarded_point_whole_and_within(
     points: list[Point], at: int, and_mask: bytes, or_mask: bytes, before: bytes
@@ -189,9 +219,12 @@ def test_a_write_of_bits_in_one_turn_leaves_each_guarded_point_whole_and_within(
     assert is_written == (not in_parts and all(holds(point, after) for point in points))
 
 
-@given(st.lists(limited_points(), min_size=1, max_size=3), writes())
-def test_what_the_bits_of_a_turn_cannot_change_is_refused_before_the_read(points: list[Point], pdu: bytes) -> None:
+@given(st.data(), st.lists(limited_points(), min_size=1, max_size=3))
+def test_what_the_bits_of_a_turn_cannot_change_is_refused_before_the_read(
+    data: st.DataObject, points: list[Point]
+) -> None:
     """If the first look refuses, no register that the device could have would have made it pass."""
+    pdu = data.draw(writes(points))
     if pdu[0] != 22 or pdu[1:3] >= WIDE.to_bytes(2, "big"):
         return
     profile = profile_with(points)
@@ -267,7 +300,7 @@ def bits_at(point: Point, register: int) -> int:
 def decoded(point: Point, items: bytes) -> int | float | None:
     words = [items[at : at + 2] for at in range(0, len(items), 2)]
     if point.swap in ("words", "both"):
-        words = words[::-1]
+        words.reverse()
     if point.swap in ("bytes", "both"):
         words = [word[::-1] for word in words]
     plain = b"".join(words)
