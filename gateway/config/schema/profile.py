@@ -90,8 +90,8 @@ class PointTable(Table):
         "`bits` those of the whole register, with `byte` those of the byte. A float that is infinite or not a number "
         "never is a value.",
     )
-    min: Limit | None = Field(None, description="The lowest value that may be written.")
-    max: Limit | None = Field(None, description="The highest value that may be written.")
+    min: Limit | None = Field(None, description="The lowest value that may be written, by whatever client.")
+    max: Limit | None = Field(None, description="The highest value that may be written, by whatever client.")
     write: PointWriting = Field(
         "no", description='Whether it can be written. `"only"`: it cannot be read, and is left out when all are.'
     )
