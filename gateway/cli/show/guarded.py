@@ -69,7 +69,8 @@ def _alike(plan: Plan) -> Iterator[tuple[list[str], Profile, bool]]:
 
 
 def _devices(plan: Plan) -> Iterator[tuple[str, Profile]]:
-    for owner in (*plan.lines, *plan.upstreams):  # nobody writes to devices of monitor lines
+    owners: tuple[LinePlan | UpstreamPlan, ...] = (*plan.lines, *plan.upstreams)  # nobody writes to those of monitors
+    for owner in owners:
         if isinstance(owner, LinePlan) and owner.passes_through:
             yield from ((f"{owner.name} (each)", device.profile) for device in owner.devices[:1])
         else:
