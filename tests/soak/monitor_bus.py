@@ -9,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
+from math import inf
 from typing import Final
 
 from gateway.modbus import ascii as ascii_framing
@@ -25,6 +26,13 @@ _REMEMBERED: Final = 4000
 
 
 @dataclass
+class Backlog:
+    """Requests that a device has had without a pause in which it owed nothing; when one of them was spoilt last."""
+
+    spoilt_at: float = -inf
+
+
+@dataclass
 class Frame:
     """Something on the wire. An answer is `to` a request; `data` is what was meant, and `heard` what is there."""
 
@@ -35,8 +43,9 @@ class Frame:
     pdu: bytes
     to: "Frame | None" = None
     collided: bool = False
-    #: Whether the monitor has heard it whole.
-    was_heard: bool = True
+    #: What becomes of it on the way to the monitor.
+    fault: str = ""
+    backlog: Backlog = field(default_factory=Backlog)
 
 
 @dataclass
@@ -48,6 +57,10 @@ class World:
     faults: float
     now: float = 1000.0
     injected: Counter[str] = field(default_factory=Counter)
+    #: What can happen to a frame on the way to the monitor, each with its weight.
+    ways: dict[str, float] = field(default_factory=dict)
+    #: Makes the monitor stand still.
+    stand_still: Callable[[], None] = lambda: None
     #: Told of each frame when it has ended.
     listeners: list[Callable[[Frame], None]] = field(default_factory=list)
     #: By unit and response: the requests that it was given to, and when.
@@ -83,7 +96,8 @@ class World:
     def send(self, unit: int, pdu: bytes, to: Frame | None = None) -> Frame:
         """Put a frame on the wire."""
         data = self.encode(unit, pdu)
-        frame = Frame(self.now, self.now + len(data) * self.timing.character, data, unit, pdu, to)
+        fault = next((each for each, weight in self.ways.items() if self.meets(each, weight)), "")
+        frame = Frame(self.now, self.now + len(data) * self.timing.character, data, unit, pdu, to, fault=fault)
         for other in self._on_wire:
             other.collided = frame.collided = True
             self.injected["collision"] += 1
@@ -109,6 +123,7 @@ class Device:
         self._count = world.dice.randrange(1 << 16)
         self._waiting: deque[Frame] = deque()
         self._is_busy = False
+        self._backlog = Backlog()
         #: Sends what is late right behind the next request on the bus.
         self._spite: Callable[[], None] | None = None
         world.listeners.append(self._hear)
@@ -124,6 +139,11 @@ class Device:
         if self._is_busy and self.unit % 2 == 0:
             return
         self._waiting.append(frame)
+        if not self._is_busy:
+            self._backlog = Backlog()
+        frame.backlog = self._backlog
+        if frame.fault:
+            self._backlog.spoilt_at = frame.ends
         if not self._is_busy:
             self._next()
 
@@ -143,14 +163,19 @@ class Device:
                 sent = world.send(self.unit, response, request)
                 world.at(sent.ends + 0.002, self._after(sent))
 
+        #: Two faults at once, because that is what a monitor has to fear: what it has not heard whole is late as well.
+        weight = 0.3 / world.faults if request.fault else 1.0
         if world.meets("an answer is lost", 0.5):
             world.at(world.now + 0.02, self._next)
-        elif world.meets("late, within the window"):
+        elif world.meets("late, within the window", weight):
+            if world.dice.random() < 0.2:
+                world.stand_still()
             world.at(request.ends + self.window * world.dice.uniform(0.3, 0.97), answer)
-        elif world.meets("late, right behind the next request"):
+        elif world.meets("late, right behind the next request", weight):
             self._spite = answer
             world.at(request.ends + self.window * 0.97, answer)
         elif world.meets("late, behind the window", 0.2):
+            self._spite = answer if world.dice.random() < 0.5 else None
             world.at(request.ends + self.window * world.dice.uniform(1.3, 3.0), answer)
         else:
             world.at(world.now + world.dice.uniform(0.002, 0.03), answer)
@@ -185,6 +210,9 @@ class Client:
         self.time_out = world.dice.uniform(0.08, 0.25)
         self._asked: tuple[int, RequestPdu] | None = None
         self._turn = 0
+        #: What it asks again and again of one unit, at other addresses, and how often.
+        self._burst: tuple[int, int, int] = (1, 3, 4)
+        self._burst_left = 0
         self._again: tuple[int, bytes] | None = None
         world.listeners.append(self._hear)
         world.at(world.now + world.dice.random(), self._ask)
@@ -204,6 +232,10 @@ class Client:
         dice = self.world.dice
         unit = dice.choice(tuple(WINDOWS))
         address = dice.randrange(8) if dice.random() < 0.5 else 0x200 + dice.randrange(512)
+        if self._burst_left:
+            self._burst_left -= 1
+            unit, function, count = self._burst
+            return unit, bytes((function,)) + address.to_bytes(2) + count.to_bytes(2)
         if dice.random() < 0.06:
             value = dice.randbytes(2)
             writes = (b"\x06" + address.to_bytes(2) + value, b"\x10" + address.to_bytes(2) + b"\0\1\2" + value)
@@ -211,6 +243,9 @@ class Client:
         function, count = dice.choice(_READS)
         if dice.random() < 0.03:
             return unit, b"\x17" + address.to_bytes(2) + count.to_bytes(2) + address.to_bytes(2) + b"\0\1\2\0\7"
+        self._burst = unit, function, count
+        if dice.random() < 0.02:
+            self._burst_left = dice.randint(5, 40)
         return unit, bytes((function,)) + address.to_bytes(2) + count.to_bytes(2)
 
     def _hear(self, frame: Frame) -> None:
@@ -225,11 +260,16 @@ class Client:
     def _give_up(self, turn: int, asked: tuple[int, bytes]) -> None:
         if turn == self._turn and (self._asked is not None or asked[0] == 0):
             self._asked = None
-            self._again = asked if asked[0] and self.world.dice.random() < 0.4 else None
+            fate = self.world.dice.random()
+            self._again = asked if asked[0] and fate < 0.4 else None
+            if asked[0] == self._burst[0] and fate > 0.7:
+                self._burst_left = max(self._burst_left, 1)  # the same once more, at another address
             self._go_on()
 
     def _go_on(self) -> None:
         self._turn += 1
         dice = self.world.dice
         pause = dice.uniform(1.0, 8.0) if dice.random() < 0.003 else dice.expovariate(1.0 / self._pause)
+        if self._burst_left:
+            pause = min(pause, 0.005)
         self.world.at(self.world.now + self.world.timing.t35 + pause, self._ask)
