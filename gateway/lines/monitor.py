@@ -122,6 +122,7 @@ class Monitor:
         #: The request that was heard last, if nothing has followed it; a stretch, and the request before it.
         self._before: HeardRequest | None = None
         self._stretch: tuple[Stretch, HeardRequest | None] | None = None
+        self._last: Frame | None = None
 
     def port_up(self, now: float) -> None:
         """Begin to listen, perhaps in the middle of something."""
@@ -182,12 +183,15 @@ class Monitor:
         asked = None if fits else _request_in(pdu)
         if self._stretch is not None:
             self._judge(answer=None if fits or asked is not None else frame)
-        if fits:
+        if fits and before is None and frame == self._last:
+            self._take_stray(token, key)  # the same answer twice, or another one that looks the same
+        elif fits:
             self._take_answer(token, fits, before, is_twofold=is_twofold)
         elif asked is not None:
             self._take_request(token, asked, is_twofold=is_twofold)
         else:
             self._take_stray(token, key)
+        self._last = frame
 
     def _take_request(self, token: Token, asked: RequestPdu, *, is_twofold: bool) -> None:
         unit, at = token.frame.unit, token.at

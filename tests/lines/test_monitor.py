@@ -119,6 +119,19 @@ def test_a_unit_that_answers_one_request_behind_is_not_believed_however_long_tha
     assert is_believed(bench)
 
 
+def test_an_answer_that_comes_twice_is_not_the_one_that_is_still_owed(bench: MonitorBench) -> None:
+    bench.windows[3] = 0.5
+    bench.hears(3, READ)
+    bench.passes(0.45)
+    bench.hears(3, OTHER_READ)
+    for _ in range(2):
+        bench.passes(0.01)
+        bench.hears(3, ANSWER)  # to the first
+    bench.passes(0.25)  # now only the second is without an answer
+    assert not is_believed(bench, 3, "03 00 30 00 02", OTHER_ANSWER)
+    assert bench.monitor.counts.strays == 1
+
+
 def test_an_answer_that_only_the_last_request_can_have_got_shows_that_nothing_is_owed_any_more(
     bench: MonitorBench,
 ) -> None:
