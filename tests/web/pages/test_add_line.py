@@ -319,6 +319,15 @@ async def test_units_can_be_named_without_a_search(bench):
     assert [device["unit"] for device in tomllib.loads(text)["line"][0]["devices"]] == [1, 2, 3, 7]
 
 
+async def test_a_line_on_which_others_ask_is_only_listened_to(bench):
+    anna = await operator(bench)
+    assert "only listen" in (await anna.get("/config/line?port=/dev/new")).text
+    page = await anna.get("/config/line/devices?port=/dev/new&mode=rtu&baud=19200&format=8N1&units=7&role=monitor")
+    page = await anna.post("/config/line/text", fields_in(page))
+    assert "no errors, no warnings" in page.text
+    assert tomllib.loads(text_in(page))["line"][0]["role"] == "monitor"
+
+
 def test_no_file_is_read_but_those_of_own_profiles(tmp_path):
     table = '[profile."{}"]\npoints = [{{ name = "flow", holding = 1 }}]\n'
     (tmp_path / "profiles").mkdir()
