@@ -62,10 +62,13 @@ async def test_a_line_that_asks_has_no_such_section(bench):
     assert "What is heard" not in (await bench.browser().get("/lines/hall")).text
 
 
-async def test_the_page_of_its_unit(bench):
+async def test_the_page_of_its_unit_has_values_and_asks_for_none(bench):
     page = await bench.browser().get("/units/boiler")
-    assert page.status == 200
     assert "power" in page.text
+    assert "Others ask this unit, and the gateway only listens" in page.text
+    assert "Read all points" not in page.text
+    assert "Read values" not in page.text
+    assert "Read values" in (await bench.browser().get("/units/silo")).text
 
 
 async def test_the_inventory_has_it(bench):
