@@ -149,6 +149,14 @@ def set_low_latency(descriptor: int) -> bool:
     return state is not None and bool(state[_SERIAL_FLAGS] & _ASYNC_LOW_LATENCY)
 
 
+def stop_echo(descriptor: int) -> None:
+    """Keep the terminal from sending by itself: what it receives (ECHO), and characters that stop the other end."""
+    attributes = termios.tcgetattr(descriptor)
+    attributes[0] &= ~(termios.IXON | termios.IXOFF)
+    attributes[3] &= ~(termios.ECHO | termios.ECHONL | termios.ICANON | termios.IEXTEN)
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+
+
 def lower_modem_lines(descriptor: int) -> None:
     """Lower RTS and DTR, if the port has them.
 

@@ -6,7 +6,7 @@ import termios
 
 from serial import PARITY_NONE, Serial
 
-from gateway.hardware.ioctls import lower_modem_lines, set_input_flags
+from gateway.hardware.ioctls import lower_modem_lines, set_input_flags, stop_echo
 
 
 class ConfiguredOnce(Serial):
@@ -36,7 +36,8 @@ class ConfiguredOnce(Serial):
 class ListeningDevice(ConfiguredOnce):
     """A port that cannot send: open for reading only, RTS and DTR low, and without the terminal's echo.
 
-    Opening raises RTS and DTR in most drivers; they are lowered before anything else is asked of the driver.
+    Opening raises RTS and DTR in most drivers, and a terminal that nobody has set echoes. Both end before anything
+    else; the echo first, because that is no matter of the hardware.
     """
 
     def open(self) -> None:
@@ -48,6 +49,7 @@ class ListeningDevice(ConfiguredOnce):
         descriptor = os.open(str(self.port), os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)  # else another program's lines would be lowered
+            stop_echo(descriptor)
             lower_modem_lines(descriptor)
             self.fd = descriptor
             self._reconfigure_port(force_update=True)
