@@ -25,6 +25,7 @@ from gateway.operator.units import picture
 from gateway.timing.trend import Layout
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
+from kit.others import Others
 
 CONFIG = """
 [profile.meter]
@@ -118,6 +119,18 @@ async def test_numbers_have_trends_and_texts_have_none(bench):
     bench.device.holding[3] = 2
     await bench.reads(0)
     assert await bench.slots("state") == [(0, 2, 2, 2)]
+
+
+async def test_what_others_read_on_a_monitor_line_makes_a_trend(tmp_path):
+    config = CONFIG.replace('port = "/dev/hall"', 'port = "/dev/hall"\nrole = "monitor"')
+    async with bench_with_trends(tmp_path, config=config) as bench:
+        others = Others(bench.home.lines["hall"], bench.device)
+        await asyncio.sleep(10)
+        for value in (100, 150):
+            bench.device.holding[0] = value
+            await others.ask(1, "03 0000 0008")
+            await asyncio.sleep(2)
+        assert await bench.slots() == [(0, 10.0, 12.5, 15.0)]
 
 
 async def test_a_response_counts_once_also_over_a_reload(bench):
