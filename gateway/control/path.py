@@ -23,6 +23,11 @@ def control_path(
     return config.absolute().parent / "control.sock"
 
 
+def folder_of_control(config: Path, socket: str | None) -> Path:
+    """Find the folder of the control socket of the gateway with this config, which may say where its `socket` is."""
+    return Path(socket or control_path(config)).absolute().parent
+
+
 @contextmanager
 def usual_path_leads(usual: Path, control: Path, environment: Mapping[str, str] = os.environ) -> Iterator[None]:
     """Link a service's usual path to a socket that the config has moved, inside the context: ExecReload= needs it."""

@@ -5,6 +5,7 @@ from functools import partial
 
 from gateway.errors import PortError
 from gateway.events import Emit
+from gateway.listeners.sessions.server_counts import ServerCounts
 from gateway.listeners.sessions.server_line import LOOK_STEP, UNNOTICED, SerialSession, ServerSettings
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import OpenAgain, Port, Wire, resolve_wire
@@ -29,8 +30,9 @@ class SerialListener:
         loop: asyncio.AbstractEventLoop,
         emit: Emit,
         ring: Ring | None = None,
+        counts: ServerCounts | None = None,
     ) -> None:
-        self.session = SerialSession(settings, router, self._wake, emit, ring)
+        self.session = SerialSession(settings, router, self._wake, emit, ring, counts)
         #: The timing of bytes; `auto` until the port is open for the first time.
         self.wire: Wire = settings.wire
         self._time = loop.time
@@ -40,6 +42,11 @@ class SerialListener:
         self._boundary = ErrorBoundary(
             f"line {settings.name}", loop, emit, deadline=deadline, tick=self._tick, down=down
         )
+
+    @property
+    def counts(self) -> ServerCounts:
+        """What has happened since it was created."""
+        return self.session.counts
 
     @property
     def is_busy(self) -> bool:
@@ -67,6 +74,10 @@ class SerialListener:
     def port_down(self, error: PortError) -> None:  # noqa: ARG002 - logged by the reconnector
         """Stop answering until the port is open again."""
         self._boundary.lost()
+
+    def adopt(self, settings: ServerSettings) -> None:
+        """Answer for the units in these settings from now on; they are the same otherwise."""
+        self.session.adopt(settings)
 
     def finish(self) -> None:
         """Accept no more requests; the one in progress is still answered."""

@@ -243,15 +243,16 @@ def _server(parts: GatewayServer) -> ServerStatus:
     return ServerStatus(
         name=settings.name,
         source=settings.source,
-        port=parts.reconnector.port_path,
+        port=parts.port,
         state=_port_state(parts.reconnector),
         reason=str(parts.reconnector.error or ""),
+        programs=parts.programs,
         wire=parts.driver.wire,
         mode=timing.mode,
         baud=timing.baud,
         format=str(timing.format),
         serves=tuple(sorted(settings.serves)),
-        counts=replace(parts.driver.session.counts),
+        counts=replace(parts.driver.counts),
     )
 
 

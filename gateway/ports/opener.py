@@ -7,6 +7,7 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 
 from serial import Serial
 
@@ -15,7 +16,8 @@ from gateway.errors import PortError
 from gateway.hardware.ioctls import set_input_flags
 from gateway.ports.listening import open_to_listen
 from gateway.ports.opening import OpenDevice, close_device, open_device
-from gateway.ports.port import OpenPort, Port, PortSettings, PortUser, SerialSettings, TcpSettings
+from gateway.ports.port import OpenPort, Port, PortSettings, PortUser, PtySettings, SerialSettings, TcpSettings
+from gateway.ports.pty_link import open_pty
 from gateway.ports.serial_port import SerialPort
 from gateway.ports.tcp import open_tcp
 from gateway.tls.store import TlsStore
@@ -24,13 +26,18 @@ from gateway.tls.store import TlsStore
 _being_opened: set[str] = set()
 
 
-def make_opener(settings: PortSettings, store: TlsStore | None = None) -> OpenPort:
-    """Make the function that opens a port with these settings. For TLS its context is looked up in `store`."""
+def make_opener(settings: PortSettings, store: TlsStore | None = None, folder: Path = Path()) -> OpenPort:
+    """Make the function that opens a port with these settings.
+
+    For TLS its context is looked up in `store`. `folder` has the links of virtual ports.
+    """
+    if isinstance(settings, PtySettings):
+        return partial(open_pty, settings, folder)
     open_port = _make_sending(settings, store)
     return open_to_listen(open_port) if settings.listens else open_port
 
 
-def _make_sending(settings: PortSettings, store: TlsStore | None) -> OpenPort:
+def _make_sending(settings: SerialSettings | TcpSettings, store: TlsStore | None) -> OpenPort:
     if not isinstance(settings, TcpSettings):
         return partial(open_serial, settings)
     tls = settings.tls

@@ -134,8 +134,21 @@ class SiteSettings:
     site: str
 
 
+@dataclass(frozen=True, slots=True)
+class PtySettings:
+    """A virtual serial port, for programs of this machine. `port` is its name in messages.
+
+    `name` is that of its link in the folder of the control socket, or an absolute path. Programs of `group` may use it.
+    """
+
+    port: str
+    name: str
+    group: str
+    latency: float
+
+
 #: The settings of any port.
-PortSettings = SerialSettings | TcpSettings
+PortSettings = SerialSettings | TcpSettings | PtySettings
 
 
 #: Makes the function that opens a port with these settings: real ones in the service, memory ports in tests.

@@ -18,9 +18,12 @@ from gateway.config.problem import Problem, warning
 from gateway.config.profile_files import ProfileFiles
 from gateway.config.reading.positions import Positions
 from gateway.config.schema.config import Config
+from gateway.config.schema.line import Line
 from gateway.config.schema.table import Table
+from gateway.config.values.port import VirtualPort
 from gateway.errors import BrokerError, FleetError, UsersError
 from gateway.fleet.credentials import NO_LIBRARY, read_credentials
+from gateway.hardware.pseudo_terminals import find_group_to_give
 from gateway.readconfig.certificate_troubles import certificate_troubles
 from gateway.readconfig.libraries import missing_library, not_installed
 from gateway.readconfig.page_users import Users, read_users
@@ -55,6 +58,9 @@ def _about_files(config: Config, folder: Path) -> Iterator[Problem]:
                 yield from _about_file(table, key, add_on.loss, folder)
     if config.control is not None and config.control.socket is not None:
         yield from _about_socket((*config.control.path, "socket"), Path(config.control.socket))
+    for line in config.line:
+        if isinstance(line.port, VirtualPort):
+            yield from _about_virtual_port(line, line.port)
 
 
 def _about_file(table: Table, key: str, loss: str, folder: Path) -> Iterator[Problem]:
@@ -173,6 +179,20 @@ def _about_socket(path: ProblemPath, socket: Path) -> Iterator[Problem]:
         trouble = f"{error.strerror}"
     if trouble:
         yield warning(path, f"no command will reach the gateway: {socket}: {trouble}")
+
+
+def _about_virtual_port(line: Line, port: VirtualPort) -> Iterator[Problem]:
+    """Warn of a link that cannot be made, and of a group that cannot get its port."""
+    if port.name.startswith("/"):
+        trouble = f"there is no folder {Path(port.name).parent}"
+        if Path(port.name).parent.is_dir():
+            trouble = _no_folder(Path(port.name))
+        if trouble:
+            yield warning((*line.path, "port"), trouble, "the service needs ReadWritePaths= for a folder of its own")
+    if find_group_to_give(line.group) is None:
+        what = f'the user who runs this command cannot give the port to the group "{line.group}"'
+        remedy = "if the service cannot either, programs need its own group: SupplementaryGroups= in its unit"
+        yield warning((*line.path, "group" if line.has("group") else "port"), what, remedy)
 
 
 def _no_folder(file: Path) -> str:

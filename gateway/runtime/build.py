@@ -132,7 +132,7 @@ class _Parts:
 
     def server(self, plan: ServerPlan) -> GatewayServer:
         old = self._servers.get(plan.line.name)
-        if old is not None and old.plan == plan:
+        if old is not None and old.means(plan):
             return old
         by = self._by
         return GatewayServer(plan, by.loop, by.opener, by.emit, by.ring)

@@ -13,6 +13,7 @@ from gateway.images.persistent import PersistentImage
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.lines.driver import LineDriver
 from gateway.lines.monitor_driver import MonitorDriver
+from gateway.listeners.programs import ProgramListener
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
@@ -36,7 +37,7 @@ Owner = GatewayLine | GatewayUpstream | GatewayMonitor
 #: A part that keeps a port or a connection open.
 Part = Owner | GatewayServer
 #: The driver of a part. That of a site is loaded only if needed.
-Driver = Union[LineDriver, TcpDriver, SerialListener, MonitorDriver, "Asker"]
+Driver = Union[LineDriver, TcpDriver, SerialListener, ProgramListener, MonitorDriver, "Asker"]
 
 
 class Reach(NamedTuple):
@@ -110,7 +111,7 @@ class Gateway:
         for line, line_plan, devices in zip(self.lines, self.plan.lines, self.devices, strict=True):
             line.adopt(line_plan, devices)
         for server, server_plan in zip(self.servers, self.plan.servers, strict=True):
-            server.plan = server_plan
+            server.adopt(server_plan)
         for upstream, upstream_plan in zip(self.upstreams, self.plan.upstreams, strict=True):
             upstream.adopt(upstream_plan)
         for monitor, monitor_plan in zip(self.monitors, self.plan.monitors, strict=True):

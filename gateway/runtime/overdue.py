@@ -19,7 +19,7 @@ from typing import Any, Final
 from gateway.errors import RequestError
 from gateway.lines.exchange import Exchange
 from gateway.modbus.pdu import parse_sent
-from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
+from gateway.ports.port import PortSettings, PtySettings, SiteSettings, TcpSettings
 from gateway.state.entry_file import Entries, EntryFile
 
 FILE_NAME: Final = "late.json"
@@ -86,11 +86,13 @@ def read_entry(entry: Entry, now: float, later: float) -> list[Exchange]:
 def place_of(port: PortSettings | SiteSettings) -> str:
     """Find the device that a port's name points to at the moment: two names of one device have the same place.
 
-    For a device server it is the host in lower case, and the port number. For a pseudo-terminal it includes the time
-    of its creation: the next one may get its number.
+    For a device server it is the host in lower case, and the port number; for a virtual port its link. For a
+    pseudo-terminal it includes the time of its creation: the next one may get its number.
     """
     if isinstance(port, SiteSettings):
         return port.port
+    if isinstance(port, PtySettings):
+        return port.name
     if isinstance(port, TcpSettings):
         return f"{port.host.lower()}:{port.number}"
     device = Path(os.path.realpath(port.port))

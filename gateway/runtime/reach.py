@@ -64,8 +64,8 @@ def _of_listeners(
 
 
 def _of_servers(gateway: Gateway, everyone: _Reach, ring: Ring) -> Iterator[tuple[Router, Reach]]:
-    for server in gateway.servers:
-        yield server.router, Reach(_routes_of_server(server.plan, everyone, ring), everyone.known_as)
+    for server, plan in zip(gateway.servers, gateway.plan.servers, strict=True):
+        yield server.router, Reach(_routes_of_server(plan, everyone, ring), everyone.known_as)
 
 
 def _targets(gateway: Gateway) -> dict[int, NamedTarget]:

@@ -10,6 +10,7 @@ from gateway import events
 from gateway.config.plan.settings import Plan
 from gateway.errors import PortError
 from gateway.images.drivers.polls_driver import Pollers
+from gateway.listeners.programs import ProgramListener
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tls import TlsListener
@@ -181,12 +182,12 @@ class Running:
         Requests that are not finished after DRAIN_TIME are answered as if their line was lost: 0B if sent, 0A if not.
         """
         listeners, drivers = self._listening.all_with(self.gateway.listeners), self.ports.drivers
-        servers = [driver for driver in drivers if isinstance(driver, SerialListener)]
+        servers = [driver for driver in drivers if isinstance(driver, SerialListener | ProgramListener)]
         for end in (*listeners, *servers):
             end.finish()
         await until(lambda: is_urgent() or not (_any_under_way(listeners, servers, self.add_ons)))
         for driver in drivers:
-            if not isinstance(driver, SerialListener):
+            if driver not in servers:
                 driver.port_down(PortError("the gateway is stopping"))
 
     async def switch(self, new: Gateway) -> None:

@@ -100,7 +100,7 @@ def _line(running: Watched, line: GatewayLine, now: float) -> Values:
 
 
 def _server(server: GatewayServer) -> Values:
-    counts = server.driver.session.counts
+    counts = server.driver.counts
     return {
         "state": _state(server.reconnector),
         "requests": counts.requests,

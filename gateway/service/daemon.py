@@ -116,7 +116,7 @@ async def _run(
 ) -> None:
     loop = asyncio.get_running_loop()
     contexts = _load_certificates(plan, emit)
-    open_port = partial(make_opener, store=contexts)
+    open_port = partial(make_opener, store=contexts, folder=control.parent)
 
     systemd, stop, hang_up = Notifier(), Stop(), HangUp()
     sockets = OpenSockets(take_inherited_sockets())

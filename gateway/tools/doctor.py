@@ -297,11 +297,15 @@ def _was_sent(result: str) -> bool:
 
 
 def _about_server(server: GatewayServer) -> list[Finding]:
-    if server.reconnector.error is not None:
-        remedy = f"see the rows about the port of {server.name}"
-        return [Finding("fix", server.name, f"{IS_DOWN}{server.reconnector.error}", remedy)]
-    counts = server.driver.session.counts
-    return [Finding("ok", server.name, f"responses to its client: {counts.responses}")]
+    programs, error = server.programs, server.reconnector.error
+    if error is not None:
+        remedy = f"see the rows about the port of {server.name}" if programs is None else ""
+        return [Finding("fix", server.name, f"{IS_DOWN}{error}", remedy)]
+    said = f"responses to its client: {server.driver.counts.responses}"
+    if programs is not None:
+        using = {0: "no program uses", 1: "one program uses"}.get(programs, f"{programs} programs use")
+        said = f"{using} {server.port}; {said}"
+    return [Finding("ok", server.name, said)]
 
 
 def _why_down(running: Running, upstream: GatewayUpstream) -> Iterable[Finding]:

@@ -14,7 +14,7 @@ from gateway.listeners.sessions.server_line import ServerSettings
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import parse_request
-from gateway.ports.port import SerialSettings, TcpSettings
+from gateway.ports.port import PtySettings, SerialSettings, TcpSettings
 from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, NOTHING, READING, WRITING, AccessRow, right_to
 from gateway.timing.budget import AnswerTime
 from gateway.timing.characters import CharacterFormat, LineTiming
@@ -470,3 +470,54 @@ def test_a_line_that_gets_a_listener_of_its_own_means_the_same():
     without, own = (only_line(text + LINE + "[[image]]\nunit = 200\nholding = 1\n") for text in ("", OWN))
     assert without != own
     assert without.meaning == own.meaning
+
+
+def test_a_virtual_port_is_named_after_its_link():
+    (server,) = plan_of(LINE + '[[line]]\nport = "pty:ttyHMI"\nrole = "server"\nserves = "all"\n').servers
+    assert server.line.name == "ttyHMI"
+    assert server.port == PtySettings("pty:ttyHMI", "ttyHMI", "dialout", 0.005)
+    assert server.line.timing == LineTiming("rtu", 19200, CharacterFormat(8, "N", 1))
+    text = '[[line]]\nport = "pty:/run/x/com1"\ngroup = "users"\nlatency = "1 ms"\nrole = "server"\nserves = "all"\n'
+    (server,) = plan_of(LINE + text).servers
+    assert server.line.name == "com1"
+    assert server.port == PtySettings("pty:/run/x/com1", "/run/x/com1", "users", 0.001)
+
+
+def test_a_server_line_for_all_serves_what_a_listener_leads_to():
+    text = """
+        [[line]]
+        name = "a"
+        port = "/dev/a"
+        devices = [{ unit = 1, as = 41, name = "x" }, { unit = 250 }, { unit = 3, as = "none", name = "unnumbered" }]
+        [[upstream]]
+        to = "tcp://10.0.0.1"
+        units = [{ unit = 7, as = 77 }]
+        [[image]]
+        unit = 200
+        holding = 1
+        [[image]]
+        unit = 201
+        of = "x"
+        read = [{ holding = "0-9", every = "1 s" }]
+        [[image]]
+        unit = 202
+        stale = "5 s"
+        map = [{ at = 0, device = "x", holding = 0, every = "1 s" }]
+        [self]
+        unit = 255
+        [[line]]
+        name = "panel"
+        port = "/dev/p"
+        role = "server"
+        serves = "all"
+        """
+    (server,) = plan_of(text).servers
+    assert server.serves_all
+    assert server.line.serves == {41, 250, 77, 200, 201, 202, 255}
+
+
+def test_a_server_line_for_all_serves_units_that_pass_through():
+    assert server_line('"all"').line.serves
+    text = '[[line]]\nport = "/dev/a"\n[[line]]\nname = "p"\nport = "/dev/p"\nrole = "server"\nserves = "all"\n'
+    (server,) = plan_of(text).servers
+    assert server.line.serves == frozenset(range(1, 248))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.modbus.rtu import encode
 from gateway.ports.tcp import CONNECTING_DEADLINE
 from kit.booted import SERVICE, SOCKET, BootedSystem, CannotBootError, booted, until, why_not
 from kit.device import SimulatedDevice, SimulatedLine
@@ -456,3 +457,27 @@ def test_it_can_use_an_image_that_root_has_made_by_hand(system: BootedSystem) ->
     system.done("systemd-run", "--unit=by-hand", "--property=Type=notify", "modbus-gateway", "run")
     system.done("systemctl", "stop", "by-hand.service")
     start(system)
+
+
+ON_A_VIRTUAL_PORT = """
+import os, sys
+port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+os.write(port, bytes.fromhex(sys.argv[2]))
+print(os.read(port, 300).hex())
+"""
+
+
+def test_programs_of_dialout_use_a_virtual_port(system: BootedSystem) -> None:
+    """Also under the hardening of the unit, by a user that has no other right; a stop removes the link."""
+    line = '[[line]]\nname = "old-hmi"\nport = "pty:ttyHMI"\nrole = "server"\nserves = "all"\n'
+    system.write(FILE, CONFIG + line)
+    start(system)
+    link, request = "/run/modbus-gateway/ttyHMI", encode(200, bytes.fromhex("03 0000 0001")).hex()
+    as_nobody = ["setpriv", "--reuid", "nobody", "--regid", "nogroup", "--groups"]
+    program = [*as_nobody, "dialout", "python3", "-c", ON_A_VIRTUAL_PORT, link, request]
+    for _ in range(3):
+        answer = bytes.fromhex(system.done(*program))
+        assert answer == encode(200, bytes.fromhex("03 02 0000"))
+    assert system.run(*as_nobody, "nogroup", "python3", "-c", ON_A_VIRTUAL_PORT, link, request).returncode != 0
+    stop(system)
+    assert system.run("test", "-L", link).returncode != 0

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
@@ -36,8 +37,11 @@ The longest wait is valid for up to in_flight requests at once per connection;
 further requests are read later."""
 
 
-def check_as_text(loaded: Loaded, plan: Plan | None, in_words: Callable[[Problem], str] = str) -> str:
-    """Show problems, each `in_words`, and the effect for people; `plan` is None if there are errors."""
+def check_as_text(loaded: Loaded, plan: Plan | None, folder: Path, in_words: Callable[[Problem], str] = str) -> str:
+    """Show problems, each `in_words`, and the effect for people; `plan` is None if there are errors.
+
+    `folder` is that of the control socket.
+    """
     parts = ["\n".join(map(in_words, _with_help_once(loaded.problems)))] if loaded.problems else []
     if plan is None:
         return "\n".join([*parts, _verdict(loaded.problems)])
@@ -45,7 +49,7 @@ def check_as_text(loaded: Loaded, plan: Plan | None, in_words: Callable[[Problem
     parts += [line_as_text(line, plan) for line in plan.lines]
     parts += [upstream_as_text(upstream, plan) for upstream in plan.upstreams]
     parts += sites_as_text(plan)
-    parts += [server_as_text(server, plan) for server in plan.servers]
+    parts += [server_as_text(server, plan, folder) for server in plan.servers]
     parts += [monitor_as_text(monitor, plan) for monitor in plan.monitors]
     parts += images_as_text(plan)
     parts += virtual_as_text(plan)
@@ -116,7 +120,7 @@ def _describe_remembered(each: AddressRemembered | BaudRemembered) -> str:
     return f"{each.baud} baud, the config says {each.configured}"
 
 
-def check_as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
+def check_as_json(loaded: Loaded, plan: Plan | None, folder: Path) -> dict[str, Any]:
     """Make the same for programs."""
     picture: dict[str, Any] = {"problems": [_problem_as_json(problem) for problem in loaded.problems]}
     if plan is not None:
@@ -126,7 +130,7 @@ def check_as_json(loaded: Loaded, plan: Plan | None) -> dict[str, Any]:
         picture["remembered"] = _remembered_as_json(plan)
         picture["upstreams"] = [upstream_as_json(upstream, plan) for upstream in plan.upstreams]
         picture["other_sites"] = sites_as_json(plan)
-        picture["servers"] = [server_as_json(server, plan) for server in plan.servers]
+        picture["servers"] = [server_as_json(server, plan, folder) for server in plan.servers]
         picture["monitors"] = [monitor_as_json(monitor, plan) for monitor in plan.monitors]
         picture["images"] = images_as_json(plan)
         picture["mirrors"] = mirrors_as_json(plan)

@@ -1,7 +1,8 @@
 """The upstreams and server lines of a config, as `check` shows them."""
 
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.cli.show.devices import (
@@ -28,7 +29,11 @@ from gateway.config.plan.forecast import (
 from gateway.config.plan.line_load import load_of, total_share
 from gateway.config.plan.settings import Plan, ServerPlan, UpstreamPlan
 from gateway.config.values.duration import show_duration
+from gateway.config.values.unitset import show_units
+from gateway.ports.port import PtySettings
 from gateway.upstreams.settings import UpstreamSettings
+
+_FOR_PROGRAMS: Final = "  For programs of this machine; set them to {}, and any rate."
 
 
 def upstream_as_text(plan: UpstreamPlan, whole: Plan) -> str:
@@ -72,16 +77,37 @@ def _peculiarities(settings: UpstreamSettings) -> Iterator[str]:
         yield "  equal reads do not share a transaction"
 
 
-def server_as_text(server: ServerPlan, plan: Plan) -> str:
-    """Show a server line, and what answers for its units."""
+def _port_of(server: ServerPlan, folder: Path) -> str:
+    """Name the port; the link of a virtual one is in `folder`."""
+    port = server.port
+    return f"pty:{folder / port.name}" if isinstance(port, PtySettings) else port.port
+
+
+def _units_as_text(server: ServerPlan, plan: Plan) -> Iterator[str]:
+    """Show the units, and what answers for each; neighbours on the same pass-through line in one row."""
+    rows: list[tuple[list[int], str, str]] = []
+    passing = {device.name: line.name for line in plan.lines if line.passes_through for device in line.devices}
+    for unit, (name, wait) in waits_behind(server, plan).items():
+        told, longest = (f"line {passing[name]}" if name in passing else name), round_up(wait)
+        if rows and name in passing and rows[-1][1:] == (told, longest):
+            rows[-1][0].append(unit)
+        else:
+            rows.append(([unit], told, longest))
+    yield align([("UNIT", "ANSWERED BY", "LONGEST WAIT"), *((show_units(at), *more) for at, *more in rows)], "  ")
+    if server.serves_all:
+        yield "  A unit that is added to the config is served too."
+
+
+def server_as_text(server: ServerPlan, plan: Plan, folder: Path) -> str:
+    """Show a server line, and what answers for its units. `folder` is that of the control socket."""
     line, timing = server.line, server.line.timing
-    rows = [(str(unit), name, round_up(wait)) for unit, (name, wait) in waits_behind(server, plan).items()]
     silence, wire = show_silence(line.silence_before_response), predict_wire(line.wire, server.port)
     return "\n".join(
         [
-            f"Server line {line.name}: {server.port.port}",
+            f"Server line {line.name}: {_port_of(server, folder)}",
             f"  {timing.mode} {timing.baud} {timing.format}, silence before a response {silence}, wire {wire}",
-            align([("UNIT", "ANSWERED BY", "LONGEST WAIT"), *rows], "  "),
+            *([_FOR_PROGRAMS.format(timing.format)] if isinstance(server.port, PtySettings) else []),
+            *_units_as_text(server, plan),
             f"  A response that takes longer than {show_duration(line.answer_within)} is not sent.",
             *([f"  On failure: {ON_FAILURE_SILENT}"] if line.on_failure == "silent" else []),
             f"  Broadcasts go to: {server.broadcast_to}.",
@@ -121,12 +147,12 @@ def upstream_as_json(plan: UpstreamPlan, whole: Plan) -> dict[str, Any]:
     }
 
 
-def server_as_json(server: ServerPlan, plan: Plan) -> dict[str, Any]:
+def server_as_json(server: ServerPlan, plan: Plan, folder: Path) -> dict[str, Any]:
     """Make a server line for programs."""
     line, timing = server.line, server.line.timing
     return {
         "name": line.name,
-        "port": server.port.port,
+        "port": _port_of(server, folder),
         "mode": timing.mode,
         "baud": timing.baud,
         "format": str(timing.format),

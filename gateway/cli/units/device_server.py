@@ -9,7 +9,7 @@ from typing import Final
 
 from gateway.cli.kit.daemon import Conversation, Meant
 from gateway.config.values.address import Address
-from gateway.config.values.port import parse_port
+from gateway.config.values.port import parse_line_port
 from gateway.control.path import SYSTEM_SOCKET
 from gateway.errors import DaemonError, PortError
 from gateway.operator.operation import Nothing
@@ -50,7 +50,7 @@ def refuse_port_of_gateway(port: Address, gateway: Meant) -> None:
         with suppress(DaemonError), Conversation(each) as daemon:  # no gateway that answers, no line of it
             lines = read_result(_Lines, daemon.ask_for_json(STATUS, Nothing()).get("status"))
             for line in (*lines.lines, *lines.servers):
-                taken = parse_port(line.port)
+                taken = parse_line_port(line.port)
                 if isinstance(taken, Address) and taken.collides_with(port):
                     raise PortError(_TAKEN.format(port=port, line=line.name, gateway=each.socket))
 

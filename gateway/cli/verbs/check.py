@@ -3,6 +3,7 @@
 import argparse
 import json
 import shutil
+from pathlib import Path
 
 from gateway.cli.kit.progress import working
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
@@ -13,6 +14,7 @@ from gateway.config.load import Loaded, load
 from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve
+from gateway.control.path import folder_of_control
 from gateway.readconfig.file_troubles import with_file_troubles
 
 
@@ -40,10 +42,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _told(loaded: Loaded, plan: Plan | None, args: argparse.Namespace) -> str:
+    folder = folder_of_control(Path(args.config), None if plan is None else plan.control)
     if args.json:
-        return json.dumps(check_as_json(loaded, plan), indent=2, ensure_ascii=False)
+        return json.dumps(check_as_json(loaded, plan, folder), indent=2, ensure_ascii=False)
     quotes = Quotes(args.config, loaded.text, shutil.get_terminal_size().columns)
-    return check_as_text(loaded, plan, quotes.told)
+    return check_as_text(loaded, plan, folder, quotes.told)
 
 
 def _load_and_look(file: str) -> Loaded:

@@ -10,6 +10,7 @@ from gateway.config.schema.device import Device
 from gateway.config.schema.line import Line
 from gateway.config.schema.listen import Listen
 from gateway.config.schema.table import Table
+from gateway.config.values.port import VirtualPort
 from gateway.config.values.reserved_names import RESERVED
 from gateway.images.self_image import NAME
 
@@ -59,7 +60,10 @@ def check_ports(config: Config, real_path: Callable[[str], str]) -> Iterator[Pro
 
 
 def _real(line: Line, real_path: Callable[[str], str]) -> Hashable:
-    return real_path(line.port) if isinstance(line.port, str) else (line.port.host.lower(), line.port.port)
+    port = line.port
+    if isinstance(port, VirtualPort):
+        return real_path(port.name) if port.name.startswith("/") else port
+    return real_path(port) if isinstance(port, str) else (port.host.lower(), port.port)
 
 
 def _find_repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str = '"{}"') -> Iterator[Problem]:

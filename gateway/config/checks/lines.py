@@ -9,7 +9,7 @@ from gateway.config.problem import Problem, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.line import Line
 from gateway.config.values.address import DEFAULT_PORTS, Address
-from gateway.config.values.character_format import fits_mode
+from gateway.config.values.character_format import VIRTUAL_FORMAT, fits_mode
 from gateway.modbus.codes import BROADCAST_UNIT
 
 #: Keys that exist for only one role of a line.
@@ -39,6 +39,7 @@ def check_lines(config: Config) -> Iterator[Problem]:
         yield from _check_device_server(line)
         yield from _check_format(line)
         yield from _check_role(line)
+        yield from _check_virtual_port(line)
 
 
 def other_mode(line: Line) -> str:
@@ -98,6 +99,25 @@ def _check_monitor(line: Line) -> Iterator[Problem]:
         yield error((*line.path, "devices"), "is empty", "leave it out: the trace shows every unit that is heard")
 
 
+def _check_virtual_port(line: Line) -> Iterator[Problem]:
+    """Find a virtual port where no program could use it, and keys that need an adapter, or are for virtual ports."""
+    if not line.is_virtual:
+        if line.has("group"):
+            remedy = "take it out: the port of an adapter has its group from udev"
+            yield error((*line.path, "group"), "is for virtual ports", remedy)
+        return
+    if line.role != "server":
+        remedy = 'role = "server", if programs of this machine ask there; to ask devices, name the port of an adapter'
+        yield error((*line.path, "port"), "a virtual port has programs at its other end, and no devices", remedy)
+    if line.rs485 == "kernel":
+        yield error((*line.path, "rs485"), "a virtual port has no driver to control", "leave rs485 out")
+    if line.echo:
+        yield error((*line.path, "echo"), "a virtual port echoes nothing", "leave echo out")
+    if line.format not in (None, VIRTUAL_FORMAT):
+        remedy = f"set the programs to {VIRTUAL_FORMAT}, and leave format out"
+        yield warning((*line.path, "format"), f"a virtual port carries {VIRTUAL_FORMAT} only", remedy)
+
+
 def _check_role(line: Line) -> Iterator[Problem]:
     if line.role == "monitor":
         yield from _check_monitor(line)
@@ -107,6 +127,5 @@ def _check_role(line: Line) -> Iterator[Problem]:
         other = "client" if line.role == "server" else "server"
         yield error((*line.path, key), f'only a line with role = "{other}" has this key')
     if line.role == "server" and line.serves is None:
-        yield error(
-            (*line.path, "serves"), "serves is missing", "name the units that the gateway answers for: serves = [41]"
-        )
+        remedy = 'name the units that the gateway answers for: serves = [41]; or serves = "all"'
+        yield error((*line.path, "serves"), "serves is missing", remedy)

@@ -1,6 +1,6 @@
 """Cross-checks of the units and their destinations."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from typing import Final
@@ -184,7 +184,7 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
         if only_part(listen) is None and isinstance(listen.unit0, int) and listen.unit0 not in served:
             yield error((*listen.path, "unit0"), not_configured({listen.unit0}), _called(config, {listen.unit0}))
     for line in config.line:
-        unknown = set(line.serves or ()) - served
+        unknown = line.named_units - served
         if unknown:
             yield error((*line.path, "serves"), not_configured(unknown), _called(config, unknown))
         heard = heard_units(config).intersection(line.serves or ())
@@ -192,7 +192,7 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
             yield warning((*line.path, "serves"), ONLY_HEARD.format(show_units(heard)), "serve a mirror of it")
 
 
-def _called(config: Config, addresses: set[int]) -> str:
+def _called(config: Config, addresses: Collection[int]) -> str:
     """Say which unit IDs clients use for the devices at these addresses, if these are what was meant."""
     rows = [row for line in client_lines(config) for row in line.devices or ()]
     found = [
@@ -211,7 +211,7 @@ def _is_asked(line: Line, config: Config) -> bool:
 
 
 def _served_to_outside_clients(config: Config) -> frozenset[int]:
-    return frozenset(unit for line in config.line for unit in line.serves or ())
+    return frozenset(unit for line in config.line for unit in line.named_units)
 
 
 def _polled(config: Config) -> frozenset[str]:

@@ -20,14 +20,14 @@ from gateway.config.schema.device import Device
 from gateway.config.schema.line import Line
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.address import Address
-from gateway.config.values.character_format import DEFAULT_FORMATS
-from gateway.config.values.port import DEVICE_SERVER_MODES
+from gateway.config.values.character_format import DEFAULT_FORMATS, VIRTUAL_FORMAT
+from gateway.config.values.port import DEVICE_SERVER_MODES, VirtualPort
 from gateway.config.values.site import Site
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import ServerSettings
-from gateway.modbus.codes import BROADCAST_UNIT, FunctionCode
-from gateway.ports.port import PortSettings, SerialSettings, SiteSettings, TcpSettings
+from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, HIGHEST_UNIT, FunctionCode
+from gateway.ports.port import PortSettings, PtySettings, SerialSettings, SiteSettings, TcpSettings
 from gateway.profiles.profile import Profile
 from gateway.timing.budget import NETWORK_LATENCY, AnswerTime
 from gateway.timing.characters import LineTiming
@@ -37,6 +37,10 @@ from gateway.upstreams.settings import UpstreamSettings
 #: The silence that ends an RTU frame, in characters (S 2.5.1.1), and the shortest turnaround delay (S 2.4.1).
 _IDLE_CHARACTERS: Final = 3.5
 _SHORTEST_TURNAROUND: Final = 0.1
+#: What clients can ask for: devices that are known by their names only have other keys.
+_NUMBERS: Final = frozenset(range(FIRST_UNIT, HIGHEST_UNIT + 1))
+#: How long a program may pause within a frame that it writes, in seconds: as much as a serial port's driver may.
+_LATENCY_OF_PROGRAMS: Final = 0.005
 #: Anything but a read at address 0 is a broadcast.
 ASKED_AT_ZERO: Final = frozenset({FunctionCode.READ_HOLDING_REGISTERS})
 
@@ -53,7 +57,7 @@ def line_plan(line: Line, profiles: dict[str, Profile], config: Config) -> LineP
 def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
     """Plan a line where an outside client asks; `profiles` are those of all units."""
     timing = _timing(line)
-    serves = frozenset(line.serves or ())
+    serves = frozenset(profiles) & _NUMBERS if line.serves == "all" else line.named_units
     settings = ServerSettings(
         name=line.label,
         timing=timing,
@@ -69,14 +73,16 @@ def server_plan(line: Line, profiles: Mapping[int, Profile]) -> ServerPlan:
     port = _port(line, timing)
     if isinstance(port, TcpSettings):
         port = replace(port, drops_early=True)
-    return ServerPlan(port, settings, line.broadcast_to)
+    return ServerPlan(port, settings, line.broadcast_to, line.serves == "all")
 
 
 def monitor_plan(line: Line, profiles: dict[str, Profile], config: Config) -> MonitorPlan:
     """Plan a line where others ask and answer, and the gateway only listens."""
     timing = _timing(line)
     devices = tuple(one for row in line.devices or () for one in _of_row(line, row, profiles, config))
-    port = replace(_port(line, timing), listens=True)
+    port = _port(line, timing)
+    if not isinstance(port, PtySettings):  # nobody but a client of this gateway is there, so it is refused
+        port = replace(port, listens=True)
     return MonitorPlan(port, _line_settings(line, timing, devices), devices)
 
 
@@ -116,7 +122,8 @@ def spoken_on(line: Line) -> Literal["rtu", "ascii"]:
 
 def _timing(line: Line) -> LineTiming:
     """Make the timing of a line: mode, rate and character format."""
-    return LineTiming(spoken_on(line), line.baud, line.format or DEFAULT_FORMATS[spoken_on(line)])
+    format_ = VIRTUAL_FORMAT if line.is_virtual else line.format or DEFAULT_FORMATS[spoken_on(line)]
+    return LineTiming(spoken_on(line), line.baud, format_)
 
 
 def _port(line: Line, timing: LineTiming) -> PortSettings:
@@ -124,6 +131,9 @@ def _port(line: Line, timing: LineTiming) -> PortSettings:
         server = _server(line.port, NETWORK_LATENCY if line.latency is None else line.latency)
         server = replace(server, after_connect=line.after_connect)
         return server if line.lease is None else replace(server, arrives_within=SHARED_ARRIVES_WITHIN)
+    if isinstance(line.port, VirtualPort):
+        latency = _LATENCY_OF_PROGRAMS if line.latency is None else line.latency
+        return PtySettings(str(line.port), line.port.name, line.group, latency)
     return SerialSettings(line.port, line.baud, timing.format, line.rs485, line.latency)
 
 

@@ -22,8 +22,9 @@ def only_part(listen: Listen) -> str | None:
 
 
 def leads_everywhere(config: Config) -> bool:
-    """Tell whether a listener leads to all units; the default listener does."""
-    return not config.listen or any(only_part(listen) is None for listen in config.listen)
+    """Tell whether a listener leads to all units, as the default listener does, or a server line serves all."""
+    serves_all = any(line.serves == "all" for line in config.line)
+    return not config.listen or serves_all or any(only_part(listen) is None for listen in config.listen)
 
 
 def listeners_for(part: Line | Upstream, config: Config) -> list[Listen]:

@@ -157,11 +157,12 @@ OwnerPlan = LinePlan | UpstreamPlan | MonitorPlan
 
 @dataclass(frozen=True, slots=True)
 class ServerPlan:
-    """A server line: its port, its settings, and the recipients of its broadcasts."""
+    """A server line: its port, its settings, and the recipients of its broadcasts. Perhaps it serves all units."""
 
     port: PortSettings
     line: ServerSettings
     broadcast_to: Literal["images", "all", "none"]
+    serves_all: bool = False
 
     @property
     def latency(self) -> float:

@@ -1,5 +1,6 @@
 """The keys of `[[line]]`."""
 
+import re
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -14,12 +15,13 @@ from gateway.config.values.key_types import (
     DurationOrZeroOrAuto,
     Format,
     LeaseName,
+    LinePort,
     ListOf,
     LongerDuration,
     Name,
-    SerialPort,
-    Units,
+    ServedUnits,
 )
+from gateway.config.values.port import VirtualPort
 from gateway.ports.port import Wire
 
 
@@ -27,10 +29,12 @@ class Line(Table):
     """A serial line: its port and settings, and its devices."""
 
     name: Name | None = Field(None, description="Its name in logs and metrics. Default: the last part of the port.")
-    port: SerialPort = Field(
+    port: LinePort = Field(
         description="The serial device, preferably by its name in `/dev/serial/by-id/`; or a device server in raw TCP "
         "mode: `rtu+tcp://host:port`, `ascii+tcp://host:port`, which sets the `mode` too. `baud` and `format` must "
-        "then equal the settings of the server.",
+        "then equal the settings of the server. Server lines: `pty:NAME` is a virtual port for programs of this "
+        "machine, a link in the folder of the control socket; `pty:/PATH` is a link elsewhere. See "
+        "[old software](old-software.md).",
     )
     mode: Literal["rtu", "ascii"] = Field("rtu", description="What is spoken on the line.")
     baud: Annotated[int, Field(ge=1, le=100_000_000)] = Field(
@@ -43,6 +47,9 @@ class Line(Table):
         "client",
         description="`client`: the gateway polls the devices. `server`: the gateway answers a client on the line "
         "(HMI, PLC). `monitor`: others ask and answer, the gateway only listens, and never transmits.",
+    )
+    group: Annotated[str, Field(min_length=1)] = Field(
+        "dialout", description="Virtual ports: programs of this group may open it. The service must be in the group."
     )
     rs485: Literal["adapter", "kernel"] = Field(
         "adapter", description="What controls the direction of an RS-485 line: the adapter, or the kernel (TIOCSRS485)."
@@ -148,8 +155,10 @@ class Line(Table):
         "with `role` = `client`. If it is not, the key may be left out only if a `[[listen]]` names the line; only "
         "such listeners then lead to it.",
     )
-    serves: Units | None = Field(
-        None, description="Server lines: the units that the gateway answers for; others get no response."
+    serves: ServedUnits | None = Field(
+        None,
+        description="Server lines: the units that the gateway answers for; others get no response. `all`: those that a "
+        "listener leads to, for all of its clients.",
     )
     on_failure: Literal["exception", "silent"] = Field(
         "exception",
@@ -165,4 +174,14 @@ class Line(Table):
     @property
     def label(self) -> str:
         """Give its name, or its default name."""
-        return self.name or str(self.port).rstrip("/").rsplit("/", 1)[-1]
+        return self.name or re.split("[/:]" if self.is_virtual else "/", str(self.port).rstrip("/"))[-1]
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether its port is one that the gateway makes, for programs of this machine."""
+        return isinstance(self.port, VirtualPort)
+
+    @property
+    def named_units(self) -> frozenset[int]:
+        """The units that `serves` names by their numbers."""
+        return frozenset(self.serves) if isinstance(self.serves, tuple) else frozenset()

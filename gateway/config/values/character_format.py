@@ -12,6 +12,9 @@ DEFAULT_FORMATS: Final[Mapping[Literal["rtu", "ascii"], CharacterFormat]] = {
     "ascii": CharacterFormat(7, "E", 1),
 }
 
+#: What a pseudo-terminal carries, whatever a program sets.
+VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
+
 
 def parse_format(value: object) -> CharacterFormat:
     """Parse a character format such as "8E1".

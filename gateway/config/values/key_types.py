@@ -41,13 +41,14 @@ from gateway.config.values.point_keys import (
     parse_point_name,
     parse_writing,
 )
-from gateway.config.values.port import parse_port
+from gateway.config.values.port import VirtualPort, parse_line_port
 from gateway.config.values.profile_keys import parse_identity, parse_wide
 from gateway.config.values.ranges import parse_addresses, parse_ranges
 from gateway.config.values.site import Site, parse_lease_name, parse_other_servers, parse_site
 from gateway.config.values.size import parse_size_or_zero, show_size
 from gateway.config.values.unitset import (
     check_own_unit,
+    parse_served_units,
     parse_unit0,
     parse_units,
     parse_units_or_all,
@@ -129,7 +130,11 @@ DurationOrZeroOrAuto = Annotated[float | None, PlainValidator(parse_duration_or_
 Format = Annotated[
     CharacterFormat, PlainValidator(parse_format), Kind('text such as `"8E1"`', text("[78][NEOneo][12]"))
 ]
-SerialPort = Annotated[str | Address, PlainValidator(parse_port), Kind("path or address", text("/.*|.+://.+"))]
+LinePort = Annotated[
+    str | Address | VirtualPort,
+    PlainValidator(parse_line_port),
+    Kind('path, address or `"pty:NAME"`', text("/.*|.+://.+|pty:.+")),
+]
 SocketPath = Annotated[
     str, Field(min_length=1), AfterValidator(check_path), AfterValidator(in_folder), Kind("path", WORD)
 ]
@@ -139,6 +144,11 @@ Unit0 = Annotated[
     Kind('`"refuse"`, `"broadcast"` or a unit', any_of(one_of("refuse", "broadcast"), NUMBER), '"{}"'.format),
 ]
 Units = Annotated[tuple[int, ...], PlainValidator(parse_units), _UNITS]
+ServedUnits = Annotated[
+    tuple[int, ...] | Literal["all"],
+    PlainValidator(parse_served_units),
+    Kind('units or `"all"`', any_of(one_of("all"), _RANGES)),
+]
 UnitsOrNone = Annotated[
     tuple[int, ...],
     PlainValidator(parse_units_or_none),

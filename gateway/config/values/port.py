@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final, Literal
 
 from gateway.config.problem import NotText, WrongValue
@@ -12,8 +13,39 @@ from gateway.config.values.files import check_path
 DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": "rtu", "ascii+tcp": "ascii"}
 
 
+_VIRTUAL: Final = "pty:"
+#: A link beside the control socket.
+_LINK_NAME: Final = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,64}")
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualPort:
+    """A virtual port: the `name` of its link beside the control socket, or the absolute path of its link."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"{_VIRTUAL}{self.name}"
+
+
+def parse_line_port(value: object) -> str | Address | VirtualPort:
+    """Parse a line's port: as `parse_port`, or a virtual one.
+
+    Raises:
+        WrongValue: it is none of these.
+    """
+    if not isinstance(value, str) or not value.startswith(_VIRTUAL):
+        return parse_port(value)
+    name = check_path(value.removeprefix(_VIRTUAL))
+    if name.startswith("/") and not name.endswith("/"):
+        return VirtualPort(name)
+    if not _LINK_NAME.fullmatch(name) or name.endswith(".sock"):
+        raise WrongValue(f'"{name}" is neither a name nor an absolute path', 'write a name such as "pty:ttyHMI"')
+    return VirtualPort(name)
+
+
 def parse_port(value: object) -> str | Address:
-    """Parse a line's port: the path of a serial device, or the address of a device server.
+    """Parse a port that exists: the path of a serial device, or the address of a device server.
 
     Raises:
         WrongValue: it is neither.

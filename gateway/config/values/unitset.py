@@ -68,6 +68,15 @@ def parse_units_or_none(value: object) -> tuple[int, ...]:
     return () if value == "none" else parse_units(value)
 
 
+def parse_served_units(value: object) -> tuple[int, ...] | Literal["all"]:
+    """Parse a unit set, or "all".
+
+    Raises:
+        WrongValue: it is neither.
+    """
+    return "all" if value == "all" else parse_units(value)
+
+
 def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
     """Parse a unit set, or "all". Any from 0 to 255 is accepted: which are possible depends on other keys.
 

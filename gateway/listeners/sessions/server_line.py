@@ -82,7 +82,8 @@ class ServerSettings:
 class SerialSession:
     """The Origin of the client's requests, one at a time.
 
-    `wake` is called when `deadline` changes outside the driver's calls. It must not call back.
+    `wake` is called when `deadline` changes outside the driver's calls. It must not call back. `counts` may be those of
+    other sessions too.
     """
 
     def __init__(
@@ -92,10 +93,11 @@ class SerialSession:
         wake: Callable[[], None],
         emit: events.Emit,
         ring: Ring | None = None,
+        counts: ServerCounts | None = None,
     ) -> None:
         self.settings = settings
         self.caller = Caller.without_address(settings.name)
-        self.counts = ServerCounts()
+        self.counts = counts or ServerCounts()
         self._router = router
         self._wake = wake
         self._emit = emit
@@ -135,6 +137,13 @@ class SerialSession:
         self._write = None
         self._drop()
         self._tune(self._latency)
+
+    def adopt(self, settings: ServerSettings) -> None:
+        """Answer for the units in these settings from now on; they are the same otherwise."""
+        serves_others = settings.serves != self.settings.serves
+        self.settings = settings
+        if serves_others:
+            self._tune(self._latency)
 
     def finish(self) -> None:
         """Accept no more requests; the one in progress is still answered."""

@@ -119,13 +119,17 @@ class LineStatus:
 
 @dataclass(frozen=True, slots=True)
 class ServerStatus:
-    """A server line, which answers for the units in `serves`. `reason` says why it is down."""
+    """A server line, which answers for the units in `serves`. `reason` says why it is down.
+
+    `programs` counts those that use a virtual port, None for another port.
+    """
 
     name: str
     source: str
     port: str
     state: Literal["up", "down", "not tried"]
     reason: str
+    programs: int | None
     wire: Wire
     mode: str
     baud: int

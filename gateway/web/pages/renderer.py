@@ -14,6 +14,7 @@ from jinja2.bccache import Bucket
 from gateway import DOCUMENTATION, __version__
 from gateway.clock.slices import with_rests
 from gateway.clock.threads import ThreadPerCall
+from gateway.config.values.unitset import show_units
 from gateway.web.access.guard import VISITOR, Need
 from gateway.web.front.problems import Handler
 from gateway.web.front.turns import Turns
@@ -136,5 +137,6 @@ def _templates(language: Language, assets: Assets) -> Environment:
         "asset": assets.address,
         "version": __version__,
         "documentation": DOCUMENTATION,
+        "show_units": show_units,
     }
     return templates

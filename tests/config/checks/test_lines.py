@@ -67,7 +67,10 @@ def test_a_server_line_has_no_keys_of_a_client_line():
 
 def test_a_server_line_serves_something():
     assert problems(LINE + SERVER) == [
-        "error: line[1].serves: serves is missing | name the units that the gateway answers for: serves = [41]"
+        (
+            "error: line[1].serves: serves is missing"
+            ' | name the units that the gateway answers for: serves = [41]; or serves = "all"'
+        )
     ]
 
 
@@ -100,3 +103,57 @@ def test_a_line_with_a_lease_is_not_left_when_nobody_asks():
             " | take idle out: who holds a lease has to hear whether another gateway asks"
         )
     ]
+
+
+VIRTUAL = '[[line]]\nport = "pty:ttyHMI"\nrole = "server"\nserves = "all"\n'
+
+
+def test_a_virtual_port():
+    assert problems(LINE + VIRTUAL + 'group = "users"\nbaud = 300\nmode = "ascii"\nformat = "8N1"\n') == []
+
+
+def test_a_virtual_port_has_no_devices():
+    told = (
+        "error: line[0].port: a virtual port has programs at its other end, and no devices"
+        ' | role = "server", if programs of this machine ask there; to ask devices, name the port of an adapter'
+    )
+    assert problems('[[line]]\nport = "pty:ttyHMI"\ndevices = [{ unit = 1 }]\n') == [told]
+
+
+@pytest.mark.parametrize(
+    ("key", "told"),
+    [
+        ('rs485 = "kernel"', "error: line[1].rs485: a virtual port has no driver to control | leave rs485 out"),
+        ("echo = true", "error: line[1].echo: a virtual port echoes nothing | leave echo out"),
+        (
+            'format = "8E1"',
+            "warning: line[1].format: a virtual port carries 8N1 only | set the programs to 8N1, and leave format out",
+        ),
+    ],
+)
+def test_what_a_virtual_port_does_not_have(key, told):
+    assert problems(LINE + VIRTUAL + key + "\n") == [told]
+
+
+def test_the_group_of_an_adapter_is_not_set_here():
+    told = "error: line[0].group: is for virtual ports | take it out: the port of an adapter has its group from udev"
+    assert problems(LINE + 'group = "users"\n') == [told]
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "..", ".hidden", "control.sock", "/", "/run/x/", "tty HMI"])
+def test_a_link_needs_a_name(name):
+    told = f'error: line[1].port: "{name}" is neither a name nor an absolute path | write a name such as "pty:ttyHMI"'
+    assert problems(LINE + VIRTUAL.replace("ttyHMI", name)) == [told]
+
+
+def test_two_lines_with_the_same_virtual_port():
+    other = VIRTUAL.replace("[[line]]", '[[line]]\nname = "b"')
+    (told,) = problems(LINE + VIRTUAL + other)
+    assert told.startswith("error: line[2].port: this port is already used in")
+
+
+def test_a_unit_that_only_a_server_line_for_all_leads_to_is_reached():
+    only = '[[listen]]\nbind = "tcp://127.0.0.1:5020"\nline = "b"\n'
+    lines = LINE + '[[line]]\nname = "b"\nport = "/dev/b"\ndevices = [{ unit = 2 }]\n'
+    assert "no listener leads to 1" in problems(only + lines)[0]
+    assert problems(only + lines + VIRTUAL) == []
