@@ -1,5 +1,6 @@
 """What `check` says of the files with users and passwords, and of libraries."""
 
+import grp
 import os
 import socket
 from contextlib import contextmanager, nullcontext
@@ -346,3 +347,33 @@ def test_a_broken_profile_that_is_not_in_use_is_a_warning(with_profiles, tmp_pat
     what = "warning: profile.bad.margin: must be at least 1 (no device has this profile)"
     assert bad == f"{tmp_path}/profiles/bad.toml:2:10: {what}"
     assert renamed.startswith(f"{tmp_path}/profiles/renamed.toml:1:1: warning: profile.x: the file is renamed.toml")
+
+
+@pytest.fixture
+def about_virtual_port(tmp_path):
+    """What is said of a line with this virtual port and these keys."""
+
+    def find(port, keys=""):
+        file = tmp_path / "gateway.toml"
+        file.write_text(f'[[image]]\nunit = 1\nholding = 1\n[[line]]\nport = "pty:{port}"\nrole = "server"\n')
+        file.write_text(file.read_text() + f'serves = "all"\n{keys}')
+        return [(each.path[2], each.what) for each in with_file_troubles(load(file), str(file)).problems]
+
+    return find
+
+
+def test_a_virtual_port_that_can_be_made(about_virtual_port, tmp_path):
+    group = grp.getgrgid(os.getegid()).gr_name
+    assert about_virtual_port("ttyHMI", f'group = "{group}"') == []
+    assert about_virtual_port(tmp_path / "com1", f'group = "{group}"') == []
+
+
+def test_the_group_of_a_virtual_port(about_virtual_port):
+    what = 'the user who runs this command cannot give the port to the group "no-such-group"'
+    assert about_virtual_port("ttyHMI", 'group = "no-such-group"') == [("group", what)]
+
+
+def test_the_folder_of_a_virtual_port(about_virtual_port, tmp_path):
+    group = grp.getgrgid(os.getegid()).gr_name
+    found = about_virtual_port(tmp_path / "nowhere/com1", f'group = "{group}"')
+    assert found == [("port", f"there is no folder {tmp_path}/nowhere")]

@@ -207,6 +207,18 @@ async def test_what_has_changed_is_built_anew_and_the_rest_is_not_touched(servin
         ) == 1
 
 
+@pytest.mark.parametrize(("key", "is_kept"), [("serves = [41, 200]", True), ('serves = 41\ngap = "9 ms"', False)])
+async def test_a_server_line_that_serves_others_stays_open(serving, key, is_kept):
+    config = LISTEN + HALL_A + IMAGE + SERVER
+    async with serving(config) as service:
+        panel = service.part("panel")
+        await service.reload(config.replace("serves = 41", key))
+        assert (service.part("panel") is panel) is is_kept
+        now = service.part("panel")
+        assert set(now.router.routes) == {0, 41, 200} if is_kept else {0, 41}
+        assert now.driver.session.settings.serves == now.plan.line.serves
+
+
 async def test_open_connections_take_the_new_routes(serving):
     async with serving(LISTEN + HALL_A + IMAGE) as service:
         client = service.client()

@@ -1,6 +1,6 @@
 """A line where we are a server: what is answered, when, and what never is."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -372,3 +372,15 @@ def test_noise_between_silences_is_counted_once_each() -> None:
         bench.hear(bytes(range(100, 130)))
         bench.pass_time(0.1)
     assert asdict(bench.counts) == {**dict.fromkeys(asdict(bench.counts), 0), "noise": 3}
+
+
+def test_it_serves_other_units_from_one_request_to_the_next() -> None:
+    bench = ServerBench()
+    asked = bench.ask(READ)
+    bench.session.adopt(replace(bench.settings, serves=frozenset({7})))
+    asked.respond(b"\x83\x02")
+    bench.pass_time(0.1)
+    assert bench.take_written() == [bench.frame(41, "83 02")]
+    assert bench.ask(READ) is None
+    bench.pass_time(0.1)
+    assert bench.ask(READ, unit=7) is not None
