@@ -150,8 +150,17 @@ async def keep_asking(
 class JudgingClient(Client):
     """A connection on which several requests may be under way; this share of them are `writes`."""
 
-    def __init__(self, world: DatedWorld, gateway: Gateway, name: str, writes: float) -> None:
-        super().__init__(gateway, name)
+    def __init__(
+        self,
+        world: DatedWorld,
+        gateway: Gateway,
+        name: str,
+        writes: float,
+        *,
+        host: str = "127.0.0.1",
+        listener: int = 0,
+    ) -> None:
+        super().__init__(gateway, name, host=host, listener=listener)
         self._world = world
         self._tally = world.tally
         self._dice = random.Random(world.dice.random())

@@ -22,7 +22,7 @@ if __name__ == "__main__":
 
 from kit.virtual_time import VirtualTimeLoop
 from soak.tally import Tally
-from soak.worlds import bits, lines, maps, mirrors, monitors, moving, over_tcp, reloads, upstreams, writers
+from soak.worlds import bits, lines, maps, mirrors, monitors, moving, over_tcp, reloads, rights, upstreams, writers
 
 #: Plays one run of so many transactions, this share of them with a fault, from a seed; in virtual time.
 World = Callable[[int, float, int], Awaitable[Tally]]
@@ -35,6 +35,7 @@ WORLDS: Final[dict[str, World]] = {
     "moving": moving.play,
     "over_tcp": over_tcp.play,
     "reloads": reloads.play,
+    "rights": rights.play,
     "upstreams": upstreams.play,
     "writers": writers.play,
 }

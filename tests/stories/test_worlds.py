@@ -22,10 +22,13 @@ from gateway.lines.ledger import Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import Transaction
 from gateway.modbus.mbap import TcpFrame
-from gateway.modbus.pdu import RequestPdu
+from gateway.modbus.pdu import RequestPdu, Span
 from gateway.profiles.conversion import Conversion
+from gateway.profiles.guards import Guard
 from gateway.profiles.writing import Write
 from gateway.request import Request
+from gateway.routing.access import EntryPoint
+from gateway.routing.rights import Rights
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.upstreams.connection import Connection
@@ -37,7 +40,7 @@ Lie = Callable[[pytest.MonkeyPatch], None]
 
 
 @pytest.mark.search
-@pytest.mark.parametrize("world", ["bits", "maps", "mirrors", "monitors", "reloads", "upstreams", "writers"])
+@pytest.mark.parametrize("world", ["bits", "maps", "mirrors", "monitors", "reloads", "rights", "upstreams", "writers"])
 def test_no_answer_is_wrong(world: str) -> None:
     tally = run(world, 2500, 0.2, seed=1)
     assert tally.wrong == []
@@ -275,6 +278,37 @@ def a_reload_keeps_what_is_shown_by_the_unit_alone(patch: pytest.MonkeyPatch) ->
     patch.setattr("gateway.runtime.running.keep_reads", keep)
 
 
+def a_read_is_allowed_by_its_first_address(patch: pytest.MonkeyPatch) -> None:
+    ruling = Rights.ruling
+
+    def of_first(rights: Rights, host: str, unit: int, pdu: bytes) -> object:
+        return ruling(rights, host, unit, pdu[:3] + b"\0\1" if pdu[0] in (3, 4) else pdu)
+
+    patch.setattr(Rights, "ruling", of_first)
+
+
+def a_reload_leaves_the_rights(patch: pytest.MonkeyPatch) -> None:
+    first: dict[EntryPoint, Rights] = {}
+    patch.setattr(
+        "gateway.runtime.running.Rights",
+        lambda rows, entry, known_as: first.setdefault(entry, Rights(rows, entry, known_as)),
+    )
+
+
+def a_guard_looks_at_no_value(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Guard, "_check_number", lambda *_: None)
+
+
+def a_write_of_half_a_point_is_let_through(patch: pytest.MonkeyPatch) -> None:
+    check = Guard.check
+
+    def check_whole(guard: Guard, asked: RequestPdu, span: Span) -> None:
+        if span.has(guard.place):
+            check(guard, asked, span)
+
+    patch.setattr(Guard, "check", check_whole)
+
+
 @pytest.mark.search
 @pytest.mark.interpreted
 @pytest.mark.parametrize(
@@ -304,6 +338,10 @@ def a_reload_keeps_what_is_shown_by_the_unit_alone(patch: pytest.MonkeyPatch) ->
         ("reloads", a_line_that_keeps_its_name_keeps_its_devices),
         ("reloads", a_reload_keeps_what_is_shown_by_the_unit_alone),
         ("reloads", what_was_read_before_a_write_is_shown),
+        ("rights", a_read_is_allowed_by_its_first_address),
+        ("rights", a_reload_leaves_the_rights),
+        ("rights", a_guard_looks_at_no_value),
+        ("rights", a_write_of_half_a_point_is_let_through),
         ("upstreams", what_was_read_before_a_write_is_shown),
         ("upstreams", an_upstream_takes_answers_in_the_order_of_requests),
         ("upstreams", an_upstream_takes_any_identifier_where_it_may_be_0),
