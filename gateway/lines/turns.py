@@ -188,7 +188,7 @@ class Turns(Member):
         place = (self._next_prior(is_held) if self._prior else None) or self._next_of_round(is_held)
         if place is None:  # only held ones are left of this round
             self._begin_round()
-            place = self._next_of_round(is_held) or self._next_prior(is_held)
+            place = self._next_of_round(is_held)
         return place
 
     def add(self, member: Member) -> None:
