@@ -185,7 +185,9 @@ class Turns(Member):
         """Choose the next request, by the rules above. `is_held` is None if nothing is held."""
         if not self.waiting:
             return None
-        place = (self._next_prior(is_held) if self._prior else None) or self._next_of_round(is_held)
+        place = self._next_prior(is_held) if self._prior else None
+        if place is None:
+            place = self._next_of_round(is_held)
         if place is None:  # only held ones are left of this round
             self._begin_round()
             place = self._next_of_round(is_held)
@@ -228,7 +230,9 @@ class Turns(Member):
 
     def _next_prior(self, is_held: Held | None) -> Place | None:
         """Choose the next request with priority; none if the last one was such a request."""
-        for member in self._prior.values() if not self._was_prior else ():
+        if self._was_prior:
+            return None
+        for member in self._prior.values():
             place = member.next(is_held) if self._is_due(member) else None
             if place is not None:
                 self._was_prior = True
@@ -248,11 +252,12 @@ class Turns(Member):
     def _next_of_round(self, is_held: Held | None) -> Place | None:
         """Choose the next request of this round: first the urgent ones."""
         self._was_prior = False
-        for member in self._urgent.values() if self._urgent else ():
-            place = member.next(is_held)
-            if place is not None:
-                self._had_turn(member)
-                return place
+        if self._urgent:
+            for member in self._urgent.values():
+                place = member.next(is_held)
+                if place is not None:
+                    self._had_turn(member)
+                    return place
         return self._next_in_order(is_held)
 
     def _next_in_order(self, is_held: Held | None) -> Place | None:
