@@ -5,6 +5,8 @@ Neither reaches the device, by whatever way it is asked; each has its answer, an
 
 import itertools
 import json
+import os
+import select
 import socket
 import ssl
 import subprocess
@@ -69,6 +71,13 @@ role   = "server"
 serves = 41
 answer_within = "20 s"
 
+[[line]]
+name   = "hmi"
+port   = "pty:{folder}/hmi"
+role   = "server"
+serves = 41
+answer_within = "20 s"
+
 [profile.drive]
 functions = [3, 6]
 points = [
@@ -116,7 +125,7 @@ timeout = "20 s"
 units   = [{ as = 41, unit = 41 }]
 """
 WAYS_OF_ROWS = (
-    'listen = ["scada", "over", "field", "panel", "control", "web", "mqtt", "fleet"]',
+    'listen = ["scada", "over", "field", "panel", "hmi", "control", "web", "mqtt", "fleet"]',
     'listen = ["alone"]',
     'role = "operator"',
 )
@@ -200,6 +209,24 @@ class Plant:
         self._panel.write(request)
         head = self._panel.read(2)
         return _is_copy(head + self._panel.read(3 if head[1] & 0x80 else 6), request)
+
+    def virtual_port(self, address: int, value: int) -> bool:
+        request, answer = rtu.encode(41, write(address, value)), b""
+        link = self._folder / "hmi"
+        behind = link.readlink()
+        port = os.open(link, os.O_RDWR | os.O_NOCTTY)
+        try:
+            os.write(port, request)
+            while len(answer) < (5 if answer[1:2] == b"\x86" else len(request)):
+                assert select.select([port], [], [], PATIENCE)[0], answer
+                answer += os.read(port, 256)
+        finally:
+            os.close(port)
+        deadline = time.monotonic() + PATIENCE
+        while not link.exists() or link.readlink() == behind:  # it is made anew for the next program
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        return _is_copy(answer, request)
 
     def command(self, address: int, value: int) -> bool:
         words = ("write", "41", "holding", str(address), str(value), "--control", f"{self._folder}/control.sock")
@@ -301,6 +328,7 @@ WAYS: dict[Way, str] = {
     Plant.mirror: "network",
     Plant.virtual_unit: "network",
     Plant.serial: "panel",
+    Plant.virtual_port: "hmi",
     Plant.command: "control",
     Plant.user: "web",
     Plant.token: "web",
