@@ -24,7 +24,7 @@ from gateway.lines.succession import Part, Stretch, Succession
 from gateway.lines.telling import Telling
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, WITHOUT_EFFECT
 from gateway.modbus.frame import Frame
-from gateway.modbus.functions import BROADCAST_FUNCTIONS, request_size, response_size
+from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, parse_sent
 from gateway.modbus.scan import Token
 from gateway.timing.usage import Usage
@@ -181,16 +181,14 @@ class Monitor:
         is_twofold = self._parts.is_twofold(frame)
         self.counts.both_ways += is_twofold
         asked = None if fits else _request_in(pdu)
-        if self._stretch is not None:
-            self._judge(answer=None if fits or asked is not None else frame)
-        if fits and before is None and frame == self._last:
-            self._take_stray(token, key)  # the same answer twice, or another one that looks the same
-        elif fits:
-            self._take_answer(token, fits, before, is_twofold=is_twofold)
-        elif asked is not None:
+        is_again = before is None and frame == self._last  # the same answer twice, or another one that looks the same
+        is_known = self._stretch is not None and self._judge(answer=None if fits or asked is not None else frame)
+        if asked is not None:
             self._take_request(token, asked, is_twofold=is_twofold)
+        elif fits and not is_again:
+            self._take_answer(token, fits, before, is_twofold=is_twofold)
         else:
-            self._take_stray(token, key)
+            self._take_stray(token, key, is_known=is_known or is_again)
         self._last = frame
 
     def _take_request(self, token: Token, asked: RequestPdu, *, is_twofold: bool) -> None:
@@ -243,11 +241,13 @@ class Monitor:
             return False
         return self._requests.is_alone(request) and not self._doubt.is_about(request.key)
 
-    def _take_stray(self, token: Token, key: Key) -> None:
-        """Take a response to nothing that was heard, or a request that violates the specification."""
+    def _take_stray(self, token: Token, key: Key, *, is_known: bool) -> None:
+        """Take a response to nothing that was heard, or a request that violates the specification.
+
+        Unless it `is_known` where it comes from, the unit may have been asked what was not heard.
+        """
         self.counts.strays += 1
-        pdu = token.frame.pdu
-        if request_size(pdu) == len(pdu) != response_size(pdu):
+        if not is_known:
             self._doubt.add_to(key, token.at)
         self._telling.record_heard(token, "nobody")
 
@@ -261,14 +261,19 @@ class Monitor:
             self.counts.stretches += 1
         self._telling.record_noise(stretch.data, stretch.count, stretch.at)
 
-    def _judge(self, *, answer: Frame | None) -> None:
-        """Doubt everything if the last stretch may have been a request; `answer` follows it, and answers no other."""
+    def _judge(self, *, answer: Frame | None) -> bool:
+        """Doubt everything if the last stretch may have been a request; `answer` follows it, and answers no other.
+
+        Return whether it is the answer to that request.
+        """
         assert self._stretch is not None  # noqa: S101 - see the callers
         (stretch, before), self._stretch = self._stretch, None
         if stretch.is_glitch or (before is not None and self._parts.is_damaged_answer(stretch, before)):
-            return  # a request whose answer was damaged stays without one
-        if answer is None or not self._parts.is_damaged_request(stretch, answer):
-            self._doubt.add(stretch.at)
+            return False  # a request whose answer was damaged stays without one
+        if answer is not None and self._parts.is_damaged_request(stretch, answer):
+            return True
+        self._doubt.add(stretch.at)
+        return False
 
     def _end_all(self, now: float, until: float) -> None:
         """End the requests whose windows end up to `until`."""

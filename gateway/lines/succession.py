@@ -127,7 +127,7 @@ class Succession:
         """Let time pass. Return what silence has ended: a frame of a function without a known size, or a stretch."""
         if not self._text:
             return []
-        if now - self._last >= HOLE:
+        if now >= self._last + HOLE:
             return self._end()
         if not (self._is_quiet or self._is_ascii) and now >= self._last + self._silence:
             self._is_quiet = True

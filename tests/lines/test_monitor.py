@@ -368,6 +368,19 @@ def test_a_request_that_violates_the_specification_is_one_all_the_same(bench: Mo
     assert is_believed(bench)
 
 
+def test_who_answers_what_was_not_heard_may_have_been_asked_more(bench: MonitorBench) -> None:
+    bench.hears(3, "03 02 00 01")  # or a request for 01 00 to 00 02 in ASCII, of which one byte of 00 was lost
+    bench.passes(0.5)
+    assert not is_believed(bench)
+    assert is_believed(bench, 4)
+    bench.passes(CLEAR)
+    exchange(bench)
+    bench.hears(3, ANSWER)  # the same once more
+    bench.passes(0.5)
+    bench.take()
+    assert is_believed(bench, request=OTHER_READ)
+
+
 def test_silence_ends_frames_of_functions_that_nobody_knows() -> None:
     bench = MonitorBench()
     exchange(bench, 3, "41 01 02 03 04 05 06 07", "41 09 08")

@@ -16,6 +16,7 @@ import random
 import sys
 import time
 from collections import Counter, deque
+from itertools import islice
 from math import inf
 from pathlib import Path
 from typing import Final
@@ -170,7 +171,9 @@ class Listener:
         if not heard.is_sure:
             return
         tally["believed"] += 1
-        given = [(to, at) for pdu, to, at in reversed(self.world.given.get(heard.unit, ())) if pdu == response.pdu][:3]
+        given = list(islice(self.world.given_as(heard.unit, response.pdu), 1))
+        if given and given[0][0].pdu != heard.asked.data:
+            given += islice(self.world.given_as(heard.unit, response.pdu), 1, 3)
         right = [to for to, _ in given if to.pdu == heard.asked.data]
         if right:
             age = heard.asked_at - right[0].ends

@@ -6,7 +6,7 @@ keeps or does not hear. Each answer has a count in it, so that it is known which
 
 import random
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from math import inf
@@ -88,6 +88,10 @@ class World:
 
     def encode(self, unit: int, pdu: bytes) -> bytes:
         return ascii_framing.encode(unit, pdu) if self.timing.mode == "ascii" else rtu.encode(unit, pdu)
+
+    def given_as(self, unit: int, response: bytes) -> Iterator[tuple[Frame, float]]:
+        """The requests that a unit has given this response to, and when; the last one first."""
+        return ((to, at) for pdu, to, at in reversed(self.given.get(unit, ())) if pdu == response)
 
     @property
     def is_busy(self) -> bool:
