@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 _PTMX: Final = "/dev/ptmx"
-#: Requests to a master (asm-generic/ioctls.h; the same on all architectures that Debian has).
+#: Requests to a master (asm-generic/ioctls.h: x86, ARM, RISC-V).
 _TIOCGPTN: Final = 0x80045430
 _TIOCSPTLCK: Final = 0x40045431
 #: Owner and group may read and write.
