@@ -110,7 +110,7 @@ class Service:
             self.attach(port, number)
 
     def attach(self, port: str, number: int) -> None:
-        self.bench._open(type("Settings", (), {"port": f"/dev/{port}", "latency": 0.0})())
+        self.bench._open(type("Settings", (), {"port": f"/dev/{port}", "latency": 0.0, "listens": False})())
         self.bench.attach(port, SimulatedLine("rtu", SimulatedDevice(number, delay=0.01)))
 
     async def reload(self, config: str) -> Outcome:

@@ -1,6 +1,7 @@
 """Virtual ports of a real gateway: programs of this machine that know serial ports only."""
 
 import grp
+import json
 import os
 import select
 import shutil
@@ -318,7 +319,8 @@ def test_status_names_the_link_and_the_programs(running: Running) -> None:
     socket = str(running.link.parent / "control.sock")
     with Program(running.link) as program:
         assert program.answer() == RIGHT
-        assert f"pty:{running.link}" in command("status", "--control", socket).stdout
+        (panel,) = json.loads(command("status", "--json", "--control", socket).stdout)["servers"]
+        assert (panel["port"], panel["programs"]) == (f"pty:{running.link}", 1)
         doctor = command("doctor", "--control", socket).stdout
         assert "one program uses pty:" in " ".join(doctor.split())
 
