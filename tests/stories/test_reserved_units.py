@@ -2,7 +2,6 @@
 
 import pytest
 
-from gateway.modbus.codes import FunctionCode
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -13,6 +12,7 @@ port    = "/dev/hall-a"
 devices = [{ unit = "247-255" }]
 """
 READ = "03 00 05 00 01"
+WRITE = bytes.fromhex("06 00 06 00 01")
 
 
 @pytest.mark.parametrize("unit", range(247, 256))
@@ -58,9 +58,9 @@ async def test_rows_of_access_may_name_it_and_a_broadcast_needs_its_right() -> N
         assert await client.asks(0, "06 00 06 00 01") == "86 01"
     everywhere = ROWS.replace("[5, 250]", '["1-247", 250]')
     async with gateway_bench(listen + everywhere + LINE.replace('"247-255"', "[5, 250, 251]")) as bench:
-        assert not bench.gateway.listeners[0].router.rights.allows("10.0.0.9", 0, FunctionCode.WRITE_SINGLE_REGISTER)
+        assert not bench.gateway.listeners[0].router.rights.permits("10.0.0.9", 0, WRITE)
     async with gateway_bench(listen + everywhere + LINE.replace('"247-255"', "[5, 250]")) as bench:
-        assert bench.gateway.listeners[0].router.rights.allows("10.0.0.9", 0, FunctionCode.WRITE_SINGLE_REGISTER)
+        assert bench.gateway.listeners[0].router.rights.permits("10.0.0.9", 0, WRITE)
 
 
 @pytest.mark.parametrize("answers_from", [0, 1, 250])
