@@ -4,6 +4,7 @@ import pytest
 
 from gateway.devices.device import SiteDevice
 from gateway.modbus.codes import Area
+from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from kit.line_bench import Bench
 
@@ -60,6 +61,51 @@ def test_bits_are_refused_where_the_register_cannot_be_read_and_written(profile:
     bench.device(profile=profile)
     bench.ask("16 00 08 FF EF 00 10", in_one_turn=6)
     assert bench.client.answers == [answer]
+    assert bench.written == []
+
+
+def test_beside_a_guarded_value_bits_are_written_after_a_read_even_with_22() -> None:
+    bench = Bench()
+    mode = Point("mode", Area.HOLDING, 8, bits=(0, 2), write="yes", maximum=5)
+    bench.device(profile=Profile("any", functions=frozenset({3, 6, 22})).guarding([mode]))
+    bench.ask("16 00 08 FF EF 00 10", in_one_turn=6)
+    bench.respond("03 02 00 05")
+    assert [written[3:-6] for written in bench.written] == ["03 00 08 00 01"]
+    bench.pass_time(0.1)
+    assert [written[3:-6] for written in bench.written] == ["03 00 08 00 01", "06 00 08 00 15"]
+    bench.respond("06 00 08 00 15")
+    assert bench.client.answers == ["16 00 08 FF EF 00 10"]
+
+
+@pytest.mark.parametrize(
+    ("pdu", "read"),
+    [
+        pytest.param("16 00 08 FF EF 00 10", "03 02 00 06", id="the device itself is beyond the limit"),
+        pytest.param("16 00 08 FF F8 00 06", None, id="the value is beyond the limit"),
+        pytest.param("16 00 08 FF FE 00 00", None, id="a part of the value"),
+    ],
+)
+def test_a_turn_that_would_break_a_guard_writes_nothing(pdu: str, read: str | None) -> None:
+    bench = Bench()
+    mode = Point("mode", Area.HOLDING, 8, bits=(0, 2), write="yes", maximum=5)
+    bench.device(profile=Profile("any").guarding([mode]))
+    bench.ask(pdu, in_one_turn=6)
+    if read is not None:
+        bench.respond(read)
+    bench.pass_time(5.0)
+    assert bench.client.answers == ["96 03"]
+    assert len(bench.written) == (0 if read is None else 1)
+    assert bench.counts.refused == 1
+    assert bench.asks("03 00 10 00 01") is not None, "the line goes on"
+
+
+def test_bits_of_another_site_beside_a_guarded_value_are_not_written_even_with_22() -> None:
+    bench = Bench()
+    mode = Point("mode", Area.HOLDING, 8, bits=(0, 2), write="yes", maximum=5)
+    profile = Profile("any", functions=frozenset({3, 6, 22})).guarding([mode])
+    bench.devices[1] = SiteDevice(bench.device(profile=profile).settings, bench.line)
+    bench.ask("16 00 08 FF EF 00 10", in_one_turn=6)
+    assert bench.client.answers == ["96 04"]
     assert bench.written == []
 
 
