@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
+from functools import lru_cache
 from typing import Final
 
 from gateway.errors import IllegalDataValue
@@ -75,9 +76,10 @@ class Guard:
         number = point.carried(bytes(self.at * point.width) + items + bytes(behind * point.width))
         if number is None or isinstance(number, str):
             raise IllegalDataValue(f"{point.rule}, and this is no value")
-        value = _exact(number) * _exact(point.scale) + _exact(point.offset)
-        too_low = point.minimum is not None and value < _exact(point.minimum)
-        if too_low or (point.maximum is not None and value > _exact(point.maximum)):
+        least, greatest = _numbers_within(point.minimum, point.maximum, point.scale, point.offset)
+        exact = number if isinstance(number, int) else _exact(number)
+        if (least is not None and exact < least) or (greatest is not None and exact > greatest):
+            value = _exact(number) * _exact(point.scale) + _exact(point.offset)
             raise IllegalDataValue(f"{point.rule}, not {_shown(value)}")
 
     def _of_a_part(self) -> IllegalDataValue:
@@ -145,6 +147,17 @@ NO_GUARDS: Final = Guards()
 
 def _start(guard: Guard) -> int:
     return guard.place.start
+
+
+@lru_cache(maxsize=1024)
+def _numbers_within(
+    minimum: float | None, maximum: float | None, scale: float, offset: float
+) -> tuple[Fraction | None, Fraction | None]:
+    """Compute the least and the greatest number in the registers for these limits of the value."""
+    first, last = (
+        None if each is None else (_exact(each) - _exact(offset)) / _exact(scale) for each in (minimum, maximum)
+    )
+    return (first, last) if scale > 0 else (last, first)
 
 
 def _exact(number: float) -> Fraction:
