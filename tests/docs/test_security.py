@@ -53,6 +53,12 @@ port = "/dev/panel"
 role = "server"
 serves = [200]
 
+[[line]]
+name = "old-hmi"
+port = "pty:ttyHMI"
+role = "server"
+serves = [200]
+
 [[image]]
 unit = 200
 name = "shift"
@@ -158,9 +164,11 @@ async def test_clients_of_listeners_may_what_the_table_says(running):
 
 
 async def test_the_client_of_a_server_line_may_what_the_table_says(running):
-    row, (server,) = the("client on the cable"), running.gateway.servers
-    assert row.operate == NOTHING
-    assert may(server.router) == May(True, True, True)
+    row, servers = the("client on the cable"), running.gateway.servers
+    assert the("program at a virtual serial port")[1:4] == ("as above",) * 3
+    assert row.operate == the("program at a virtual serial port").operate == NOTHING
+    assert [may(each.router) for each in servers] == [May(True, True, True)] * 2
+    server = servers[0]
     assert "of `serves`" in row.read
     assert "of `serves`" in row.write
     assert not asked(server.router, 201, READ, "")
@@ -266,10 +274,7 @@ def test_each_row_of_the_table_has_a_test():
         *("client on this machine", "the same from another machine", "Modbus UDP", "`tls://`", "client on the cable"),
         *("control socket", "page or API, no login, from this machine", "page or API, no login, from elsewhere"),
         *("viewer", "operator", "program with the `token`", "user whom a `proxy` names", "MQTT broker", "other sites"),
-        "what is on the bus of a line",
+        *("program at a virtual serial port", "what is on the bus of a line"),
     }
-    #: A server line with another port.
-    elsewhere = {"program at a virtual serial port"}
-    known = tested | elsewhere
-    assert [row.who for row in rows() if not row.who.startswith(tuple(known))] == []
-    assert {begin for begin in known if any(row.who.startswith(begin) for row in rows())} == known
+    assert [row.who for row in rows() if not row.who.startswith(tuple(tested))] == []
+    assert {begin for begin in tested if any(row.who.startswith(begin) for row in rows())} == tested

@@ -16,7 +16,7 @@ from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.frame import Frame
 from gateway.ports.listening import open_to_listen
-from gateway.ports.port import OpenPort, SerialSettings, TcpSettings
+from gateway.ports.port import OpenPort, PortSettings, PtySettings, SerialSettings, TcpSettings
 from gateway.request import Caller
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.kept_state import KeptState
@@ -202,13 +202,14 @@ class GatewayBench:
         timer = LazyTimer(loop, wake)
         memory.on_write = written
 
-    def _open(self, settings: SerialSettings) -> OpenPort:
+    def _open(self, settings: PortSettings) -> OpenPort:
         latency = 0.005 if settings.latency is None else settings.latency
         name = settings.port.removeprefix("/dev/")
         self.opened[name] = settings
         has_arrived = (lambda: name not in self.holding_back) if isinstance(settings, TcpSettings) else None
         line = self.lines.setdefault(name, MemoryLine(settings.port, latency, has_arrived=has_arrived))
-        return open_to_listen(line.open_port) if settings.listens else line.open_port
+        listens = not isinstance(settings, PtySettings) and settings.listens
+        return open_to_listen(line.open_port) if listens else line.open_port
 
 
 @asynccontextmanager
