@@ -53,12 +53,12 @@ async def read(running: Running) -> list[Family]:
     return [
         *requests.families,
         *times.families,
-        *_lines(gateway.lines, now()),
+        *_lines(gateway, now()),
         *units.families,
         *_clients(running),
         *images.families,
         _upstreams(gateway.upstreams),
-        *_monitors(gateway.monitors),
+        *_heard(gateway.monitors),
         _certificates(running.contexts),
         *(family for each in running.add_ons for family in each.metrics()),
         *_process(running),
@@ -132,23 +132,25 @@ def _histogram(name: str, text: str) -> Family:
     return Family("histogram", name, text, _UNIT)
 
 
-def _lines(lines: Iterable[GatewayLine], now: float) -> Iterable[Family]:
+def _lines(gateway: Gateway, now: float) -> Iterable[Family]:
     busy = Family("counter", "line_busy_seconds", "Time of a line by phase.", ("line", "phase"))
     waiting = Family("gauge", "line_queue_length", "Requests that wait for the line.", ("line",))
     up = Family("gauge", "line_up", "Whether the port is open.", ("line",))
     reopens = Family("counter", "line_reopens", "How often the port was reopened after a loss.", ("line",))
     held = Family("gauge", "lease_held", "Whether this gateway holds the lease of the line.", ("line", "lease"))
     taken = Family("counter", "lease_taken", "How often it took the lease.", ("line", "lease"))
-    for line in lines:
+    for line in gateway.lines:
         phases = line.driver.line.phases(now)
         for phase in ("request", "wait", "response", "gap"):
             busy.add(getattr(phases, phase), line.name, phase)
         waiting.add(len(line.driver.line.queue), line.name)
-        up.add(line.reconnector.is_open, line.name)
-        reopens.add(line.reconnector.reopened, line.name)
         if line.standby is not None:
             held.add(line.standby.lease.is_held, line.name, line.standby.name)
             taken.add(line.standby.taken, line.name, line.standby.name)
+    on_ports: tuple[GatewayLine | GatewayMonitor, ...] = (*gateway.lines, *gateway.monitors)
+    for part in on_ports:
+        up.add(part.reconnector.is_open, part.name)
+        reopens.add(part.reconnector.reopened, part.name)
     return busy, waiting, up, reopens, *(each for each in (held, taken) if each.values)
 
 
@@ -163,14 +165,15 @@ class _Units:
         self.families = (self._up, self._limit)
 
     def read(self, owner: Owner) -> Iterator[None]:
-        """Add the units of a line or upstream that were asked, one at a time."""
+        """Add the units of a line or upstream that were asked, one at a time; none of those that others ask."""
+        if isinstance(owner, GatewayMonitor):
+            return
         now = asyncio.get_running_loop().time
         for unit, device in _asked(owner):
             is_up = owner.reconnector.error is None
             is_up = is_up and not device.breaker.failures and not device.breaker.is_resting(now())
             self._up.add(is_up, owner.name, unit)
-            if not isinstance(owner, GatewayMonitor):
-                self._limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
+            self._limit.add(max(each.limit for each in device.counts.times.values()), owner.name, unit)
             yield
 
 
@@ -222,15 +225,13 @@ def _upstreams(upstreams: Iterable[GatewayUpstream]) -> Family:
     return up
 
 
-def _monitors(monitors: Iterable[GatewayMonitor]) -> Iterable[Family]:
+def _heard(monitors: Iterable[GatewayMonitor]) -> Iterable[Family]:
     """Count what is heard on lines where the gateway only listens, if there are any."""
-    up = Family("gauge", "monitor_up", "Whether the port of a line that only listens is open.", ("line",))
     heard = Family("counter", "heard", "What was heard on a line that only listens, by kind.", ("line", "kind"))
     for monitor in monitors:
-        up.add(monitor.reconnector.is_open, monitor.name)
         for kind, attribute in _HEARD.items():
             heard.add(getattr(monitor.driver.monitor.counts, attribute), monitor.name, kind)
-    return (up, heard) if up.values else ()
+    return (heard,) if heard.values else ()
 
 
 def _certificates(contexts: TlsStore) -> Family:

@@ -8,7 +8,6 @@ from aiohttp import web
 from gateway.clock.threads import ThreadPerCall
 from gateway.observe.metrics import CONTENT_TYPE, exposition
 from gateway.operator.metrics import read
-from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.running import Running
 from gateway.web.access.guard import Need
 from gateway.web.front.problems import Handler
@@ -45,7 +44,7 @@ def why_not_ready(running: Running) -> str:
     if not running.ready.is_set():
         return "clients cannot connect"
     gateway = running.gateway
-    reconnectors = [part.reconnector for part in gateway.parts if not isinstance(part, GatewayServer)]
+    reconnectors = [owner.reconnector for owner in gateway.owners if owner not in gateway.monitors]
     is_ready = gateway.images or any(reconnector.is_open for reconnector in reconnectors)
     return "" if is_ready else "no line is up, and there is no image"
 

@@ -85,7 +85,15 @@ async def test_the_lines_of_the_api(bench):
 
 async def test_metrics_count_what_is_heard(bench):
     text = (await bench.browser().get("/metrics")).text
-    assert 'modbus_gateway_monitor_up{line="old-plc"} 1.0' in text
+    assert 'modbus_gateway_line_up{line="old-plc"} 1.0' in text
     assert 'modbus_gateway_heard_total{kind="requests",line="old-plc"} 11.0' in text
     assert 'modbus_gateway_heard_total{kind="answers",line="old-plc"} 10.0' in text
-    assert "unit_timeout_limit_seconds" not in "".join(each for each in text.splitlines() if "old-plc" in each)
+    of_line = "".join(each for each in text.splitlines() if "old-plc" in each)
+    assert "unit_timeout_limit_seconds" not in of_line
+    assert "unit_up" not in of_line  # whether it would answer is not known
+
+
+async def test_a_line_that_answers_nobody_makes_nothing_ready(bench):
+    bench.inner.lines["hall"].pull()
+    await asyncio.sleep(1.0)
+    assert (await bench.browser().get("/readyz")).status == 503
