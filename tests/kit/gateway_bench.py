@@ -16,7 +16,7 @@ from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.frame import Frame
 from gateway.ports.listening import open_to_listen
-from gateway.ports.port import OpenPort, PortSettings, PtySettings, SerialSettings, TcpSettings
+from gateway.ports.port import OpenPort, PortSettings, SerialSettings, TcpSettings
 from gateway.request import Caller
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.kept_state import KeptState
@@ -208,8 +208,7 @@ class GatewayBench:
         self.opened[name] = settings
         has_arrived = (lambda: name not in self.holding_back) if isinstance(settings, TcpSettings) else None
         line = self.lines.setdefault(name, MemoryLine(settings.port, latency, has_arrived=has_arrived))
-        listens = not isinstance(settings, PtySettings) and settings.listens
-        return open_to_listen(line.open_port) if listens else line.open_port
+        return open_to_listen(line.open_port) if getattr(settings, "listens", False) else line.open_port
 
 
 @asynccontextmanager
