@@ -187,7 +187,7 @@ def check_references(config: Config, failed: frozenset[str]) -> Iterator[Problem
         unknown = line.named_units - served
         if unknown:
             yield error((*line.path, "serves"), not_configured(unknown), _called(config, unknown))
-        heard = heard_units(config).intersection(line.serves or ())
+        heard = heard_units(config).intersection(line.named_units)
         if heard:
             yield warning((*line.path, "serves"), ONLY_HEARD.format(show_units(heard)), "serve a mirror of it")
 
