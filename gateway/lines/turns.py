@@ -204,21 +204,26 @@ class Turns(Member):
         rank = member.rank() if member.waiting else PLAIN
         if member.turn == UNKNOWN:
             self._let_in(member, rank)
-        if rank & URGENT:
-            (self._urgent if member.turn == NOW else self._urgent_later)[member.name] = member
-        elif self._urgent or self._urgent_later:
-            self._urgent.pop(member.name, None)
-            self._urgent_later.pop(member.name, None)
-        if rank & WITH_PRIORITY:
-            self._prior[member.name] = member
-            member.waited = member.waited or set()
-        elif self._prior:
-            self._prior.pop(member.name, None)
+        if rank or self._urgent or self._urgent_later or self._prior:
+            self._sort_by(rank, member)
         first = self._first
         if self.waiting and first is not None and first.turn == LATER:
             self._begin_round()
         if self.above is not None:
             self.above.sort(self)
+
+    def _sort_by(self, rank: int, member: Member) -> None:
+        """Note that a member has this rank now."""
+        if rank & URGENT:
+            (self._urgent if member.turn == NOW else self._urgent_later)[member.name] = member
+        else:
+            self._urgent.pop(member.name, None)
+            self._urgent_later.pop(member.name, None)
+        if rank & WITH_PRIORITY:
+            self._prior[member.name] = member
+            member.waited = member.waited or set()
+        else:
+            self._prior.pop(member.name, None)
 
     def forget(self, member: Member) -> None:
         """Remove a member, unless requests of it wait."""
