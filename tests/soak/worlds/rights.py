@@ -152,6 +152,7 @@ class _World(DatedWorld):
             gateway = self.bench.rebuilt(self._text(rules))
             self._built.append((gateway, rules))
             await self.bench.running.switch(gateway)
+            self.bench.gateway = gateway
             self.tally.counts["reloads"] += 1
 
     def allow(self, unit: int, pdu: bytes) -> None:
