@@ -174,7 +174,7 @@ class Listener:
         given = list(islice(self.world.given_as(heard.unit, response.pdu), 1))
         if given and given[0][0].pdu != heard.asked.data:
             given += islice(self.world.given_as(heard.unit, response.pdu), 1, 3)
-        right = [to for to, _ in given if to.pdu == heard.asked.data]
+        right = [to for to, at in given if to.pdu == heard.asked.data and at - to.ends <= WINDOWS[heard.unit]]
         if right:
             age = heard.asked_at - right[0].ends
             self.oldest = max(self.oldest, age)
