@@ -13,7 +13,7 @@ from kit.line_bench import LIMIT, READ, REQUEST_TIME, RESPONSE, RESPONSE_FRAME, 
 
 WRITE = "06 00 01 00 05"
 #: What the line itself never answers.
-ELSEWHERE = {"denied", "no_route", "stale"}
+ELSEWHERE = {"denied", "no_route", "stale", "only_heard"}
 
 
 def results(bench: Bench) -> dict[str, int]:

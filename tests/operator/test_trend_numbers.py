@@ -1,7 +1,9 @@
 """The numbers that trends take out of a response are the values of its points."""
 
+from dataclasses import replace
+
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gateway.modbus.codes import Area
@@ -36,7 +38,11 @@ _POINTS = st.builds(
 )
 
 
+_HALFWAY = Point("level", Area.HOLDING, 7, "uint32", count=2, scale=0.1, offset=273.15, decimals=1)
+
+
 @given(_POINTS, st.binary(min_size=8, max_size=8))
+@example(_HALFWAY, bytes.fromhex("0000 0002 0000 0000"))
 def test_they_are_those_that_the_point_itself_finds(point, data):
     items = data[: 2 * point.count]
     try:
@@ -46,7 +52,15 @@ def test_they_are_those_that_the_point_itself_finds(point, data):
     if isinstance(value, str) or value is None or abs(value) > 1e37:
         assert to_number(point)(items) is None
     else:
-        assert to_number(point)(items) == pytest.approx(value, rel=1e-12, abs=1e-9)
+        number = to_number(point)(items)
+        if is_halfway(replace(point, decimals=None).value(items), point.decimals):
+            assert number == pytest.approx(value, abs=1.01 * 10**-point.decimals)  # rounded up or down
+        else:
+            assert number == pytest.approx(value, rel=1e-12, abs=1e-9)
+
+
+def is_halfway(value, decimals):
+    return decimals is not None and abs(value * 10**decimals % 1 - 0.5) < 1e-6
 
 
 def test_points_that_a_read_has_whole_are_found_in_it():
