@@ -3,6 +3,8 @@
 An answer next to a request is told as its answer. But if an earlier one was owed an answer that looks the same, this
 may have been that, and the next ones may be late as well, each next to the request after its own. So the request stays
 owed one, until its window has ended, or an answer comes that can only be to a later request: units answer in order.
+A unit that owes an answer sends it when it is not asked for a while. So after a few such pauses in which nothing came,
+it owes none.
 """
 
 from math import inf
@@ -14,6 +16,10 @@ from gateway.modbus.scan import Expected
 #: The most requests without an answer, and units and functions with doubts of their own, that are told apart.
 _MOST_OPEN: Final = 256
 _MOST_DOUBTS: Final = 256
+
+#: How long a pause is, as a share of the window, and how many there must be, each behind the answer to a request.
+_PAUSE: Final = 1 / 8
+_PAUSES: Final = 3
 
 #: Unit and function.
 Key = tuple[int, int]
@@ -53,9 +59,17 @@ class HeardRequests:
         self.next_end = inf
         self._open: dict[Key, list[HeardRequest]] = {}
         self._count = 0
+        #: By unit: when it gave the answer next to its last request; how many pauses there were since one had none.
+        self._answered_at: dict[int, float] = {}
+        self._pauses: dict[int, int] = {}
 
     def add(self, request: HeardRequest) -> HeardRequest | None:
         """Add a request. If there are too many, take the oldest out and return it."""
+        answered_at = self._answered_at.pop(request.unit, None)
+        if answered_at is None:
+            self._pauses[request.unit] = 0
+        elif request.begun_at - answered_at >= _PAUSE * (request.ends_at - request.came_at):
+            self._paused(request.unit)
         self.next_end = min(self.next_end, request.ends_at)
         self._open.setdefault(request.key, []).append(request)
         self._count += 1
@@ -83,6 +97,20 @@ class HeardRequests:
             for each in self._open[key]:
                 each.is_owed = each.is_owed and each.since > answered.since
             self._keep(key, [each for each in self._open[key] if each.is_owed or not each.is_told])
+
+    def note_answer(self, unit: int, at: float, *, is_next: bool) -> None:
+        """Note that a unit has answered: its last request, and nothing is between, if it `is_next`."""
+        if is_next:
+            self._answered_at[unit] = at
+        else:
+            self._answered_at.pop(unit, None)
+
+    def _paused(self, unit: int) -> None:
+        """Count a pause in which the unit has sent nothing; after enough of them it owes nothing."""
+        pauses = self._pauses[unit] = self._pauses.get(unit, 0) + 1
+        if pauses >= _PAUSES:
+            for key in [key for key in self._open if key[0] == unit]:
+                self._keep(key, [each for each in self._open[key] if not each.is_told])
 
     def take_ended(self, until: float) -> list[HeardRequest]:
         """Take out those whose windows end up to `until`: no answer can come to them any more. They are in order."""

@@ -229,6 +229,7 @@ class Monitor:
         else:
             answered.is_told = True
         self._requests.settle(fits[0])
+        self._requests.note_answer(token.frame.unit, token.at, is_next=answered is before)
         if answered is not None:
             self.counts.answers += 1
             self.counts.sure += is_sure
@@ -247,6 +248,7 @@ class Monitor:
         Unless it `is_known` where it comes from, the unit may have been asked what was not heard.
         """
         self.counts.strays += 1
+        self._requests.note_answer(token.frame.unit, token.at, is_next=False)
         if not is_known:
             self._doubt.add_to(key, token.at)
         self._telling.record_heard(token, "nobody")

@@ -119,6 +119,23 @@ def test_a_unit_that_answers_one_request_behind_is_not_believed_however_long_tha
     assert is_believed(bench)
 
 
+@pytest.mark.parametrize("late", [True, False])
+def test_after_some_pauses_in_which_nothing_came_a_unit_owes_nothing_more(bench: MonitorBench, late: bool) -> None:
+    lost_at = bench.now
+    bench.hears(3, READ)
+    bench.passes(0.5)
+    for at in range(60):
+        bench.hears(3, f"03 00 {at + 32:02X} 00 02")
+        bench.passes(0.02)
+        bench.hears(3, ANSWER[:-2] + f"{at:02X}")
+        if late and at % 3 == 1:
+            bench.passes(0.05)
+            bench.hears(3, OTHER_ANSWER[:-2] + f"{at:02X}")  # what was owed
+        bench.passes(0.9)
+    sure = [each.asked_at - lost_at for each in bench.heard if each.is_sure]
+    assert not sure if late else 0.0 < sure[0] - WINDOW < 1.2
+
+
 def test_an_answer_that_comes_twice_is_not_the_one_that_is_still_owed(bench: MonitorBench) -> None:
     bench.windows[3] = 0.5
     bench.hears(3, READ)
