@@ -6,7 +6,6 @@ from typing import Final
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.checks.access import check_access
 from gateway.config.checks.duplicates import check_names, check_ports
-from gateway.config.checks.guards import check_guards
 from gateway.config.checks.images import check_images
 from gateway.config.checks.intervals import check_intervals
 from gateway.config.checks.line_load import check_load
@@ -101,7 +100,6 @@ def _check_settings(config: Config) -> Iterator[Problem]:
 
 
 def _check_plan(config: Config, plan: Plan) -> Iterator[Problem]:
-    yield from check_guards(config)
     yield from check_retries(config, plan)
     yield from check_load(config, plan)
     for add_on in ADD_ONS:

@@ -5,7 +5,6 @@
 - units, duplicates    one destination for each unit; names, ports and leases that are used once
 - profiles, reference_numbers    kinds of devices; addresses that may be numbers of a manual
 - points, point_places, point_values, point_writing    points: their names, places and values, and how they are written
-- guards    points that a guarded one keeps from being written
 - images, maps, map_rows    images, mirrors and virtual units; the maps of these, and single rows
 - intervals    how often mirrors and virtual units read
 - upstreams    other servers

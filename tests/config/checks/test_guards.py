@@ -1,4 +1,4 @@
-"""What `check` says of points with limits, and of those beside them."""
+"""What `check` says of points with limits."""
 
 import pytest
 
@@ -14,7 +14,6 @@ def problems(*points: str, functions: str = "", of_profile: str = "") -> list[st
     return [str(one).partition("points[")[2] for one in parse(text, port_trouble=lambda _: None).problems]
 
 
-ALL = "functions = [3, 6, 16, 22]"
 SPEED = 'name = "speed", holding = 10, type = "uint32", max = 1500, write = true'
 MODE = 'name = "mode", holding = 20, bits = "4-6", max = 5, write = true'
 
@@ -47,28 +46,6 @@ def test_bits_with_limits_need_more_than_function_22() -> None:
     (found,) = problems(MODE, functions="functions = [3, 22]")
     assert found.startswith("0].holding: cannot be written: function 6 or 16 is not among the functions of the profile")
     assert problems(MODE, functions="functions = [3, 6, 22]") == problems(MODE) == []
-
-
-@pytest.mark.parametrize(
-    ("point", "why"),
-    [
-        ("holding = 11, write = true", "speed has limits, so one write must set all of holding 10-11"),
-        ("holding = 5, write = true, write_at = 10", "speed has limits, so one write must set all of holding 10-11"),
-        ("holding = 11, bit = 3, write = true", "speed has limits, so one write must set all of holding 10-11"),
-        ('holding = 20, bits = "6-8", write = true', "mode has limits, so one write must set all of holding 20"),
-        ('holding = 20, bits = "8-9", write = "only"', "mode has limits, so function 22 is not for holding 20"),
-    ],
-)
-def test_a_point_that_a_guarded_one_keeps_from_being_written_is_told(point: str, why: str) -> None:
-    for of_profile, points in (("", (SPEED, MODE)), (f"{{ {SPEED} }}, {{ {MODE} }}", ())):
-        (found,) = problems(f'name = "a", {point}', *points, functions=ALL, of_profile=of_profile)
-        assert found.startswith(f"0].write: it can never be written: {why}\n  help: take write out")
-
-
-def test_points_that_can_be_written_beside_a_guarded_one_are_no_problem() -> None:
-    beside = ("holding = 9", "holding = 20", 'holding = 10, type = "int32"', 'holding = 20, bits = "4-6"', "coils = 10")
-    for point in (*beside, "holding = 20, bit = 7"):
-        assert problems(SPEED, MODE, f'name = "a", {point}, write = true') == []
 
 
 def test_only_devices_with_limits_have_guards() -> None:
