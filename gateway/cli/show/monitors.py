@@ -5,7 +5,7 @@ from typing import Any
 from gateway.cli.kit.columns import align
 from gateway.cli.show.limits import milliseconds, round_up
 from gateway.config.machine.port_trouble import predict_wire
-from gateway.config.plan.forecast import longest_heard_window
+from gateway.config.plan.forecast import heard_window
 from gateway.config.plan.settings import MonitorPlan, Plan
 from gateway.config.values.unitset import show_unit
 from gateway.devices.device import DeviceSettings
@@ -20,7 +20,7 @@ def monitor_as_text(monitor: MonitorPlan, plan: Plan) -> str:
             str(each.unit),
             each.name,
             each.profile.name,
-            round_up(longest_heard_window(monitor, each)),
+            round_up(heard_window(monitor, each)),
             ", ".join(_readers(each, plan)) or "none",
         )
         for each in monitor.devices
@@ -56,7 +56,7 @@ def monitor_as_json(monitor: MonitorPlan, plan: Plan) -> dict[str, Any]:
                 "on_the_wire": each.unit,
                 "device": each.name,
                 "profile": each.profile.name,
-                "late_window_ms": milliseconds(longest_heard_window(monitor, each)),
+                "late_window_ms": milliseconds(heard_window(monitor, each)),
                 "read_through": _readers(each, plan),
             }
             for each in monitor.devices

@@ -94,26 +94,22 @@ def owed_after_waking(plan: LinePlan, device: DeviceSettings) -> float:
     return max((limit + _late_window(limit, plan.line, device) for limit in reads), default=0.0)
 
 
-def heard_window(plan: MonitorPlan, device: DeviceSettings | None, asked: RequestPdu) -> float:
-    """Compute for how long an answer to a request that was heard may come; a unit that is not configured has no device.
+def heard_window(plan: MonitorPlan, device: DeviceSettings | None, asked: RequestPdu | None = None) -> float:
+    """Compute for how long an answer to a request that was heard may come; without a request, the longest of these.
 
-    It is the slowest answer of the device, and at least twice the limit of the request.
+    It is the slowest answer of the device, and at least twice the limit of the request. A unit that is not configured
+    has no device.
     """
     if plan.line.late_window is not None:
         return plan.line.late_window
-    if device is None or not device.profile.timing.rows:
+    if device is None:
         return USUAL_WINDOW
-    return max(device.answer_time.slowest, 2 * plan.budget.limit(asked, device.answer_time))
-
-
-def longest_heard_window(plan: MonitorPlan, device: DeviceSettings) -> float:
-    """Compute for how long an answer of this device may come at most."""
-    if plan.line.late_window is not None:
-        return plan.line.late_window
-    if not device.profile.timing.rows:
-        return USUAL_WINDOW
-    limits = function_limits(device.profile, device.answer_time, plan.budget)
-    return max(device.answer_time.slowest, 2 * max(limit.most_items for limit in limits))
+    time, budget = device.answer_time, plan.budget
+    if asked is not None:
+        limit = budget.limit(asked, time)
+    else:
+        limit = max(each.most_items for each in function_limits(device.profile, time, budget))
+    return max(time.slowest if device.profile.timing.rows else USUAL_WINDOW, 2 * limit)
 
 
 def longest_waits(plan: LinePlan, *, repeats: bool = True) -> dict[str, float]:

@@ -7,6 +7,7 @@ from gateway.config.plan.forecast import (
     FunctionLimits,
     function_limits,
     guard,
+    heard_window,
     longest_wait,
     longest_wait_outside,
     longest_waits,
@@ -19,6 +20,7 @@ from gateway.config.reading.profile_file import shipped_profile
 from gateway.config.resolve import resolve
 from gateway.config.schema.profile import ProfileTable
 from gateway.listeners.sessions.server_line import UNNOTICED
+from gateway.modbus.pdu import parse_request
 from gateway.timing.budget import AnswerTime, Budget
 from gateway.timing.characters import CharacterFormat, LineTiming
 
@@ -289,3 +291,22 @@ def test_a_mirror_of_a_unit_that_only_a_listener_of_its_line_leads_to():
     line = plan.lines[0]
     (device,) = [device for device in line.devices if device.unit == 6]
     assert waits_behind(plan.servers[0], plan) == {6: ("m", longest_wait(line, device))}
+
+
+@pytest.mark.parametrize(
+    ("keys", "window"),
+    [
+        ("unit = 3", 5.0),
+        ('unit = 3, timeout = "400 ms"', 5.0),
+        ('unit = 3, timeout = "4 s"', 2 * (7 * CHARACTER + 4.0 + LATENCY)),
+        ('unit = 3, profile = "mint"', 1.0),
+        ('unit = 3, profile = "mint", timeout = "4 s"', 2 * (7 * CHARACTER + 4.0 + LATENCY)),
+    ],
+)
+def test_an_answer_that_is_heard_may_be_as_slow_as_any_and_twice_as_slow_as_the_limit(keys, window):
+    text = f'[[line]]\nport = "/dev/x"\nrole = "monitor"\nlatency = "5 ms"\ndevices = [{{ {keys} }}]'
+    plan = resolve(parse(text, port_trouble=lambda _: None).config).monitors[0]
+    asked = parse_request(bytes.fromhex("03 0000 0001"))
+    assert heard_window(plan, plan.devices[0], asked) == pytest.approx(window)
+    assert heard_window(plan, plan.devices[0]) >= window
+    assert heard_window(plan, None, asked) == 5.0
