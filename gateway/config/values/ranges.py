@@ -33,10 +33,9 @@ def parse_addresses(value: object) -> tuple[Range, ...]:
     """
     if isinstance(value, int) and not isinstance(value, bool) and 0 < value <= MOST_ITEMS:
         raise WrongValue("could be a count or an address", f'write "0-{value - 1}", or "{value}" for one address')
-    ranges = parse_ranges(value)
-    if not ranges:
+    if value in (0, []):
         raise WrongValue("names no address", 'write a range such as "0-99", or leave the key out')
-    return ranges
+    return parse_ranges(value)
 
 
 def show_ranges(ranges: tuple[Range, ...]) -> str:
@@ -69,9 +68,7 @@ def _from_zero(count: int) -> tuple[Range, ...]:
 def _parse_range(part: object) -> Range:
     match = _RANGE.fullmatch(part.strip()) if isinstance(part, str) else None
     if match is None:
-        raise WrongValue(
-            "is not a valid range of addresses", 'write a count such as 100, a range "1-99", or a list of ranges'
-        )
+        raise WrongValue("is not a valid range of addresses", 'write a range such as "0-99", or a list of ranges')
     first, last = _address(match[1]), _address(match[2] or match[1])
     if first > last:
         raise WrongValue(f'"{part}" counts backwards', f'write "{last}-{first}"')

@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.config.problem import WrongValue
-from gateway.config.values.ranges import parse_ranges, show_ranges
+from gateway.config.values.ranges import parse_addresses, parse_ranges, show_ranges
 
 
 @pytest.mark.parametrize(
@@ -40,6 +40,15 @@ def test_what_is_no_range_is_refused(value, what):
     with pytest.raises(WrongValue) as caught:
         parse_ranges(value)
     assert str(caught.value) == what
+
+
+@pytest.mark.parametrize("value", [100, 0, [], [5], "9-1", "none"])
+def test_what_is_no_range_of_a_row_is_refused_with_one_that_is(value):
+    with pytest.raises(WrongValue) as caught:
+        parse_addresses(value)
+    remedy = caught.value.remedy
+    assert "count" not in remedy
+    assert parse_addresses(remedy.split('"')[1])
 
 
 def test_ranges_are_shown_as_they_are_written():
