@@ -25,9 +25,8 @@ from gateway.timing.characters import Mode
 _KEPT: Final = {"rtu": 2 * MAX_RTU_ADU, "ascii": 2 * MAX_ASCII_ADU}
 #: A driver that is switched on or off may leave up to this many bytes, each of them one pulse: a zero bit becomes ones.
 _MOST_PULSES: Final = 3
-_PULSES: Final = frozenset({0xFF << bits & 0xFF for bits in range(9)})
-#: The same as a port with seven data bits reads them.
-_PULSES_OF_SEVEN: Final = _PULSES | {0x7F << bits & 0x7F for bits in range(8)}
+#: A port with seven data bits reads them without the highest one.
+_PULSES: Final = frozenset(ones << bits & ones for ones in (0xFF, 0x7F) for bits in range(9))
 
 
 class Stretch:
@@ -63,7 +62,6 @@ class Succession:
         self._is_ascii = mode == "ascii"
         self._scanner: Scanner = AsciiScanner() if self._is_ascii else RtuScanner()
         self._kept = _KEPT[mode]
-        self._pulses = _PULSES_OF_SEVEN if self._is_ascii else _PULSES
         self._silence = silence
         #: The place behind the last part; the bytes that follow it, or the last ones of them.
         self._place = 0
@@ -233,7 +231,7 @@ class Succession:
     def _is_glitch(self, end: int) -> bool:
         """Tell whether nobody has sent the bytes up to this place."""
         count = end - self._place
-        return count <= _MOST_PULSES and all(each in self._pulses for each in self._text[:count])
+        return count <= _MOST_PULSES and _PULSES.issuperset(self._text[:count])
 
     def _end(self) -> list[Part]:
         """End what has begun, because nothing has followed: frames that were found in it may be real ones."""

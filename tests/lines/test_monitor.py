@@ -303,8 +303,8 @@ def test_a_frame_that_can_be_read_both_ways_is_no_value_but_is_recorded(bench: M
     assert bench.take() == [(3, "01 00 00 00 18", BOTH_WAYS, False)]
     assert not is_believed(bench, 3, "01 00 00 00 08", "01 01 55")  # it may have been a request
     assert is_believed(bench)
-    exchange(bench, 4, BOTH_WAYS, "01 03 01 02 03")
-    assert bench.take() == [(4, BOTH_WAYS, "01 03 01 02 03", False)]
+    exchange(bench, 4, BOTH_WAYS, "01 03 FF FF FF")
+    assert bench.take() == [(4, BOTH_WAYS, "01 03 FF FF FF", False)]
 
 
 def test_a_request_that_ends_with_nul_is_no_response_without_it() -> None:
