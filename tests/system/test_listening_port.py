@@ -124,6 +124,8 @@ async def test_a_port_that_another_program_has_locked_is_left_alone(virtual, use
     near_end = os.open(virtual.path, os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(near_end, fcntl.LOCK_EX)
     before = termios.tcgetattr(near_end)
+    before[3] |= termios.ECHO  # what it would take away
+    termios.tcsetattr(near_end, termios.TCSANOW, before)
     with pytest.raises(PortError, match="is held by another program"):
         async with listening(virtual, user):
             pass

@@ -8,9 +8,15 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import PortClosed, PortError
+from gateway.events import discard_event
+from gateway.listeners.programs import ProgramListener
+from gateway.listeners.sessions.server_line import ServerSettings
+from gateway.modbus.rtu import encode
 from gateway.ports.port import PtySettings
 from gateway.ports.pty_link import MOST_PROGRAMS, PtyLink, open_pty
 from gateway.ports.pty_port import PtyPort
+from gateway.request import Request
+from gateway.timing.characters import CharacterFormat, LineTiming
 
 
 class Session:
@@ -199,6 +205,19 @@ async def test_who_shares_a_port_does_not_get_what_was_for_one_that_has_left(ben
     assert read(other) == b""
 
 
+async def test_a_response_does_not_hide_what_else_was_asked_by_one_that_leaves(bench: Bench) -> None:
+    await bench.open()
+    first, other = bench.program(), bench.program()
+    os.write(first, b"first")
+    await until(lambda: bench.sessions[0].heard)
+    os.write(first, b"more")
+    bench.sessions[0].port.write(b"answer")  # the gateway has not read the rest
+    bench.leave(first)
+    bench.sessions[0].port.read_now()
+    assert bench.sessions[0].heard == [b"first", "given up"]
+    assert read(other) == b""
+
+
 async def test_a_response_that_was_not_read_is_taken_back(bench: Bench) -> None:
     await bench.open()
     first, other = bench.program(), bench.program()
@@ -221,6 +240,27 @@ async def test_there_are_only_so_many_programs(bench: Bench) -> None:
     assert bench.sessions[MOST_PROGRAMS].heard == [str(PortClosed())]
     with pytest.raises(OSError, match="Input/output"):
         os.write(one_more, b"request")
+
+
+async def test_whoever_comes_while_the_gateway_ends_is_not_answered(bench: Bench) -> None:
+    class Router:
+        def submit(self, request: Request, now: float) -> None:
+            asked.append(request)
+
+    asked: list[Request] = []
+    link = await bench.open()
+    settings = ServerSettings("hmi", LineTiming("rtu", 19200, CharacterFormat(8, "N", 1)), frozenset({1}))
+    listener = ProgramListener(settings, Router(), asyncio.get_running_loop(), discard_event)
+    listener.port_up(link)
+    for is_ending in (False, True, True):
+        if is_ending:
+            listener.finish()
+        before = bench.path.readlink()
+        os.write(bench.program(), encode(1, bytes.fromhex("03 0000 0001")))
+        await until(lambda before=before: bench.path.readlink() != before)
+        await asyncio.sleep(0.05)
+        assert len(asked) == 1
+    listener.close()
 
 
 async def test_the_end(bench: Bench) -> None:

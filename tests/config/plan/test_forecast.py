@@ -310,3 +310,13 @@ def test_an_answer_that_is_heard_may_be_as_slow_as_any_and_twice_as_slow_as_the_
     assert heard_window(plan, plan.devices[0], asked) == pytest.approx(window)
     assert heard_window(plan, plan.devices[0]) >= window
     assert heard_window(plan, None, asked) == 5.0
+
+
+def test_the_late_window_of_a_monitor_line_is_that_of_all_its_units():
+    text = (
+        '[[line]]\nport = "/dev/x"\nrole = "monitor"\nlate_window = "2 s"\ndevices = [{ unit = 3, profile = "mint" }]'
+    )
+    plan = resolve(parse(text, port_trouble=lambda _: None).config).monitors[0]
+    asked = parse_request(bytes.fromhex("03 0000 0001"))
+    assert {heard_window(plan, device, asked) for device in (None, *plan.devices)} == {2.0}
+    assert heard_window(plan, plan.devices[0]) == 2.0
