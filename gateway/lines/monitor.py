@@ -221,8 +221,9 @@ class Monitor:
         """Take the answer to one of the requests that it `fits`: for what is still owed, the oldest of them."""
         answered = before if before in fits else next((each for each in fits if not each.is_told), None)
         is_sure = answered is before and not is_twofold and self._is_sure(answered, token.frame.pdu)
-        if is_twofold:
-            self._doubt.add_to(fits[0].key, token.at)  # it may be a request, and the other one still without an answer
+        if is_twofold or answered is not before:
+            # it may be a request, and the other one still without an answer; or what lies between was a request
+            self._doubt.add_to(fits[0].key, token.at)
         if answered is None:
             self.counts.strays += 1
             self._telling.record_heard(token, "nobody")
