@@ -9,6 +9,8 @@ from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
 from gateway.modbus.functions import ALL, ANY_COIL, WIDE, Function, Items, request_size, response_size, row_of
 from gateway.modbus.shapes import need
 
+#: The addresses of an area. A span may tell more: a device may go on at address 0 after the last one.
+ADDRESSES: Final = 0x10000
 #: The most parsed requests that are cached.
 MOST_PARSED: Final = 2048
 #: Functions with frames that can be a request or a response, unless the response repeats its request. Responses of

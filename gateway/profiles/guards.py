@@ -14,7 +14,7 @@ from typing import Final
 
 from gateway.errors import IllegalDataValue
 from gateway.modbus.codes import Area, FunctionCode
-from gateway.modbus.pdu import RequestPdu, Span
+from gateway.modbus.pdu import ADDRESSES, RequestPdu, Span
 from gateway.profiles.point import Point
 from gateway.registers.items import REGISTER, has_bits
 
@@ -132,13 +132,15 @@ class Guards:
         return next(self.touched(span), None) is not None
 
     def touched(self, span: Span) -> Iterator[Guard]:
-        """Yield the guards that have a register of `span`."""
+        """Yield the guards that have a register of `span`. A device may go on at address 0 after the last one."""
         if span.area is Area.HOLDING:
             for guard in self.all[bisect_left(self.all, span.start - _LONGEST + 1, key=_start) :]:
                 if guard.place.start >= span.end:
                     break
                 if guard.place.end > span.start:
                     yield guard
+            if span.end > ADDRESSES:
+                yield from self.touched(Span(span.area, 0, span.end - ADDRESSES))
 
 
 #: Of a device without limits.

@@ -11,10 +11,8 @@ from typing import Final
 
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS, TABLE_FUNCTIONS, only_reads, row_of
-from gateway.modbus.pdu import Span, spans_of
+from gateway.modbus.pdu import ADDRESSES, Span, spans_of
 from gateway.routing.access import NOTHING, WRITING, AccessRow, Right, includes, right_to
-
-_ADDRESSES: Final = 0x10000
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,8 +137,8 @@ def _spans(pdu: bytes) -> list[Span]:
     told = list(spans_of(pdu))
     if len(told) < (row.reads is not None) + (row.writes is not None) or not all(span.count for span in told):
         return []
-    around = [Span(span.area, 0, span.end - _ADDRESSES) for span in told if span.end > _ADDRESSES]
-    return [Span(span.area, span.start, min(span.count, _ADDRESSES - span.start)) for span in told] + around
+    around = [Span(span.area, 0, span.end - ADDRESSES) for span in told if span.end > ADDRESSES]
+    return [Span(span.area, span.start, min(span.count, ADDRESSES - span.start)) for span in told] + around
 
 
 def _functions_of(area: Area) -> Right:
