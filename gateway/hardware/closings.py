@@ -8,6 +8,8 @@ import os
 import struct
 from typing import Final, Literal
 
+from gateway.clock.threads import ThreadPerCall
+
 _WRITTEN: Final = 0x02
 _CLOSED: Final = 0x08 | 0x10
 #: The kernel has dropped events.
@@ -59,7 +61,7 @@ class Closings:
         self._is_written = False
 
     def close(self) -> None:
-        """End the watch."""
+        """End the watch; the kernel takes some 20 ms for that, and sometimes far longer, so it is done in a thread."""
         if self.descriptor >= 0:
-            os.close(self.descriptor)
+            ThreadPerCall("end of a watch").submit(os.close, self.descriptor)
             self.descriptor = -1
