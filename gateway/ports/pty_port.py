@@ -87,6 +87,7 @@ class PtyPort:
             return
         if not self._look()[0]:  # with this response, all that was written is done with
             self._closings.forget()
+        self._stop_echo()
         try:
             is_sent = os.write(self._master, data) == len(data)
         except OSError:
@@ -146,6 +147,14 @@ class PtyPort:
         if self._user is not None:
             self._user.give_up()
         return True
+
+    def _stop_echo(self) -> None:
+        """End the echo that a program may have set: the response to a write would come back as the same write again."""
+        with suppress(OSError, termios.error):  # the last one has left
+            attributes = termios.tcgetattr(self._master)
+            if attributes[3] & termios.ECHO:
+                attributes[3] &= ~termios.ECHO
+                termios.tcsetattr(self._master, termios.TCSANOW, attributes)
 
     def _deliver(self) -> None:
         """Deliver what has arrived."""

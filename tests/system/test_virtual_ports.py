@@ -221,6 +221,17 @@ def test_a_program_that_has_only_looked_harms_nobody(running: Running) -> None:
             assert second.answer() == RIGHT
 
 
+def test_a_write_is_done_once_though_the_program_has_set_an_echo(running: Running) -> None:
+    write = bytes.fromhex("06 0004 0007")
+    with Program(running.link) as program:
+        attributes = termios.tcgetattr(program.descriptor)
+        attributes[3] = termios.ECHO
+        termios.tcsetattr(program.descriptor, termios.TCSANOW, attributes)
+        assert program.answer(write) == encode(200, write)
+        assert program.heard() == b""
+        assert program.answer() == RIGHT
+
+
 def test_the_link_leads_to_another_port_once_the_last_program_has_closed_it(running: Running) -> None:
     before = running.link.readlink()
     Program(running.link).close()
