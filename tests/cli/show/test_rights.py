@@ -99,14 +99,22 @@ def test_operators_of_a_web_page_that_no_row_names_do_what_web_allows(
     assert [" ".join(each.split()) for each in table if " web " in each] == rows
 
 
+def test_a_control_socket_that_a_row_names_does_what_the_row_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = rights(tmp_path, capsys, FILE + '[[access]]\nlisten = ["control"]\nallow = ["read"]\n').splitlines()
+    assert [" ".join(each.split()) for each in table if " control " in each] == ["anywhere control all read"]
+
+
 def test_without_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert rights(tmp_path, capsys, FILE) == dedent(
         """\
         Rights: first match wins
-          FROM          THROUGH       UNITS  RIGHTS
-          this machine  any listener  all    read, write
-          anywhere      any listener  all    read
-          the line      panel         41     read, write, broadcast
+          FROM             THROUGH       UNITS  RIGHTS
+          this machine     any listener  all    read, write
+          anywhere         any listener  all    read
+          the line         panel         41     read, write, broadcast
+          who may open it  control       all    read, write
           Through field (UDP) clients only read, as no row names it."""
     )
 
@@ -122,6 +130,7 @@ def test_with_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
           10.3.0.0/24            any listener  all        write
           all else                                        nothing
           the line               panel         41         read, write, broadcast
+          who may open it        control       all        read, write
           Through field (UDP) clients only read, as no row names it."""
     )
 
@@ -131,9 +140,10 @@ def test_what_a_row_names_is_in_the_table_only(tmp_path: Path, capsys: pytest.Ca
     assert rights(tmp_path, capsys, FILE + row) == dedent(
         """\
         Rights: first match wins
-          FROM      THROUGH       UNITS  RIGHTS
-          anywhere  field, panel  all    read
-          all else                       nothing"""
+          FROM             THROUGH       UNITS  RIGHTS
+          anywhere         field, panel  all    read
+          all else                              nothing
+          who may open it  control       all    read, write"""
     )
 
 
@@ -162,8 +172,8 @@ def test_units_of_a_listener_for_one_line_are_those_on_the_wire(
     hall = '[[listen]]\nname = "hall"\nbind = "tcp://127.0.0.1:1503"\nline = "zero"\n[[line]]\nport = "/dev/zero"\n'
     rows = '[[access]]\nlisten = ["hall"]\nunits = 1\nallow = ["read"]\n[[access]]\nlisten = ["hall"]\nallow = []\n'
     assert rights(tmp_path, capsys, FILE + hall + rows).splitlines()[2:4] == [
-        "  anywhere  hall     1 on the wire  read",
-        "  anywhere  hall     all            nothing",
+        "  anywhere         hall     1 on the wire  read",
+        "  anywhere         hall     all            nothing",
     ]
     main(["check", "--json", str(tmp_path / "gateway.toml")])
     assert [row["by_address"] for row in json.loads(capsys.readouterr().out)["rights"]] == [True, True]
@@ -176,7 +186,7 @@ def test_units_of_a_listener_for_one_upstream_are_those_of_the_server(
     roof += '[[upstream]]\nname = "roof"\nto = "tcp://10.1.0.5"\n'
     row = '[[access]]\nlisten = ["roof port"]\nunits = [0, 250]\nallow = ["read"]\n'
     said = rights(tmp_path, capsys, FILE + roof + row).splitlines()
-    assert said[2] == "  anywhere  roof port  0, 250 at the server  read"
+    assert said[2] == "  anywhere         roof port  0, 250 at the server  read"
 
 
 def test_roles_are_shown_and_what_tls_clients_have_without(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -215,12 +225,13 @@ def test_addresses_have_a_column_if_a_row_names_some_and_so_has_priority(
     assert rights(tmp_path, capsys, FILE + ADDRESSES + ROWS[: ROWS.index("\n\n") + 1]) == dedent(
         """\
         Rights: first match wins
-          FROM       THROUGH       UNITS  ADDRESSES                   RIGHTS                  PRIORITY
-          anywhere   any listener  all    coils 7; holding 0-99, 120  read
-          10.2.0.7   any listener  41     all                         read, write             high
-          10.2.0.66  any listener  all    all                         nothing
-          all else                                                    nothing
-          the line   panel         41     all                         read, write, broadcast
+          FROM             THROUGH       UNITS  ADDRESSES                   RIGHTS                  PRIORITY
+          anywhere         any listener  all    coils 7; holding 0-99, 120  read
+          10.2.0.7         any listener  41     all                         read, write             high
+          10.2.0.66        any listener  all    all                         nothing
+          all else                                                          nothing
+          the line         panel         41     all                         read, write, broadcast
+          who may open it  control       all    all                         read, write
           At each address of a request the first row that has it counts, and each of these rows must allow the function.
           What may write and tells no addresses is also refused by an earlier row for addresses that does not allow it.
           Through field (UDP) clients only read, as no row names it."""

@@ -62,9 +62,10 @@ def test_the_picture_of_a_file(config, capsys):
           six    tcp://[::1]:1502      32       10 min  41      all units
 
         Rights: first match wins
-          FROM          THROUGH       UNITS  RIGHTS
-          this machine  any listener  all    read, write
-          anywhere      any listener  all    read
+          FROM             THROUGH       UNITS  RIGHTS
+          this machine     any listener  all    read, write
+          anywhere         any listener  all    read
+          who may open it  control       all    read, write
 
         Line hall-a: /dev/null
           rtu 19200 8E1, gap 2.01 ms, latency 5 ms, wire serial
