@@ -23,7 +23,7 @@ from gateway.registers.items import REGISTER, has_bits, items_read
 class HeardValues(Supply):
     """Hands on the values of transactions that others have with a device."""
 
-    silence = "was not heard for too long"
+    silence = "was never heard, or too long ago"
 
     def __init__(self) -> None:
         super().__init__()

@@ -140,8 +140,10 @@ class Mirror(OrderedUnit):
         if self._is_closed:
             raise StaleValue(f"{self.settings.name} is no longer polled")
         writes = client.writes.setdefault(self._polls, self._polls.writes)
-        if any(part.is_lost(now, self._stale, writes) for part in read.parts):
-            raise StaleValue(f"{self.settings.of} {self._polls.silence}", self.settings.of)
+        lost = next((part.span for part in read.parts if part.is_lost(now, self._stale, writes)), None)
+        if lost is not None:
+            where = f"{self.settings.of} ({lost.area} {lost.addresses})"
+            raise StaleValue(f"{where} {self._polls.silence}", self.settings.of)
         if all(part.is_known(writes) for part in read.parts):
             return read.head + read.table.read(read.span)
         return None

@@ -40,7 +40,8 @@ class Client:
 
     def asks(self, pdu: str, now: float) -> str | None:
         self._answer = None
-        self._unit.submit(Request(241, bytes.fromhex(pdu), self, now), now)
+        self.request = Request(241, bytes.fromhex(pdu), self, now)
+        self._unit.submit(self.request, now)
         return self._answer
 
 
@@ -88,8 +89,12 @@ def bench():
     return Bench()
 
 
-def test_what_was_never_heard_is_0b_at_once(bench):
-    assert bench.mirror((0, 9)).asks("03 0000 0001", 5.0) == "83 0B"
+def test_what_was_never_heard_is_0b_at_once_and_its_addresses_are_told(bench):
+    client = bench.mirror((0, 9))
+    bench.hears("03 0002 0002", "03 04 0001 0002", 4.0)
+    assert client.asks("03 0002 0002", 5.0) == "03 04 00 01 00 02"
+    assert client.asks("03 0000 0003", 5.0) == "83 0B"
+    assert str(client.request.error) == "boiler (holding 0) was never heard, or too long ago"
 
 
 def test_a_mirror_has_what_was_heard_until_it_is_stale(bench):
