@@ -71,6 +71,12 @@ async def test_the_page_of_its_unit_has_values_and_asks_for_none(bench):
     assert "Read values" in (await bench.browser().get("/units/silo")).text
 
 
+async def test_of_a_unit_that_others_ask_it_is_not_said_that_nobody_has_asked_it(bench):
+    page = await bench.browser().get("/units/boiler")
+    assert "Others ask this unit, so there is no limit" in page.text
+    assert "Nobody has asked this unit yet" not in page.text
+
+
 async def test_the_inventory_has_it(bench):
     told = (await bench.browser().get("/api/v1/inventory")).json
     assert [(each["name"], each["role"]) for each in told["lines"]] == [("hall", "client"), ("old-plc", "monitor")]
