@@ -196,7 +196,8 @@ class Guard:
         if origin.scheme not in ("http", "https") or not (
             is_same or (by_proxy and origin.hostname in self._known - {"localhost"})
         ):
-            raise ProblemError(403, "the Origin of a POST or PUT must be that of this page")
+            what = "the Origin of a POST or PUT must be that of this page"
+            raise ProblemError(403, what if request.cookies else f"{what}; a program sends its token instead")
 
     def _csrf_of(self, name: str) -> str:
         return hmac.digest(self._secret, name.encode(), hashlib.sha256).hex()

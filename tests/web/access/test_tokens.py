@@ -179,6 +179,11 @@ async def test_a_session_beside_a_token_still_needs_the_proofs_of_a_page(bench, 
     assert written(bench) == []
 
 
+async def test_a_program_without_its_token_is_told_that_it_needs_one(bench):
+    page = await bench.browser().put(PLACE, [77], **BARE)
+    assert (page.status, "a program sends its token" in page.text) == (403, True)
+
+
 async def test_a_wrong_csrf_token_or_origin_does_not_matter_to_a_program(bench):
     page = await bench.browser(AFAR).put(PLACE, [5], Origin="http://localhost:3000", X_CSRF_Token="x", **bearer(MES))
     assert page.status == 200
