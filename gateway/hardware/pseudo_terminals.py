@@ -57,6 +57,15 @@ def find_group_to_give(name: str) -> int | None:
     return group if os.geteuid() == 0 or group in {os.getegid(), *os.getgroups()} else None
 
 
+def has_group(name: str) -> bool:
+    """Say whether there is a group `name`. May block, as look-ups of groups may."""
+    try:
+        grp.getgrnam(name)
+    except KeyError:
+        return False
+    return True
+
+
 def _give(path: str, group: int | None) -> None:
     """Give the file to the group, or else to that of this process: a new one belongs to the group tty."""
     for wanted in (group, os.getegid()):

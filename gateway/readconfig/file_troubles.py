@@ -23,7 +23,7 @@ from gateway.config.schema.table import Table
 from gateway.config.values.port import VirtualPort
 from gateway.errors import BrokerError, FleetError, UsersError
 from gateway.fleet.credentials import NO_LIBRARY, read_credentials
-from gateway.hardware.pseudo_terminals import find_group_to_give
+from gateway.hardware.pseudo_terminals import find_group_to_give, has_group
 from gateway.readconfig.certificate_troubles import certificate_troubles
 from gateway.readconfig.libraries import missing_library, not_installed
 from gateway.readconfig.page_users import Users, read_users
@@ -190,9 +190,14 @@ def _about_virtual_port(line: Line, port: VirtualPort) -> Iterator[Problem]:
         if trouble:
             yield warning((*line.path, "port"), trouble, "the service needs ReadWritePaths= for a folder of its own")
     if find_group_to_give(line.group) is None:
-        what = f'the user who runs this command cannot give the port to the group "{line.group}"'
-        remedy = "if the service cannot either, programs need its own group: SupplementaryGroups= in its unit"
-        yield warning((*line.path, "group" if line.has("group") else "port"), what, remedy)
+        where = (*line.path, "group" if line.has("group") else "port")
+        if has_group(line.group):
+            what = f'the user who runs this command cannot give the port to the group "{line.group}"'
+            remedy = "if the service cannot either, programs need its own group: SupplementaryGroups= in its unit"
+        else:
+            what = f'there is no group "{line.group}" on this machine'
+            remedy = "programs need the service's own group, or root, until there is: groupadd"
+        yield warning(where, what, remedy)
 
 
 def _no_folder(file: Path) -> str:

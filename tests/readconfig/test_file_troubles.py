@@ -369,7 +369,7 @@ def test_a_virtual_port_that_can_be_made(about_virtual_port, tmp_path):
 
 
 def test_the_group_of_a_virtual_port(about_virtual_port):
-    what = 'the user who runs this command cannot give the port to the group "no-such-group"'
+    what = 'there is no group "no-such-group" on this machine'
     assert about_virtual_port("ttyHMI", 'group = "no-such-group"') == [("group", what)]
 
 
