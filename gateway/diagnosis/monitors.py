@@ -82,7 +82,10 @@ def _few_values(line: MonitorEvidence) -> Iterator[Finding]:
     """Find answers that cannot be believed."""
     if line.answers >= MANY_ANSWERS and line.sure < FEW * line.answers:
         what = f"of {line.answers} answers, {line.sure} have values that are sure"
-        remedy = "not where units do not answer, or answer late, or frames are broken; a shorter late_window helps"
+        remedy = (
+            "until late_window has passed, none are sure after the port was opened, a request without an answer, "
+            "a late answer or a broken frame; a shorter one helps"
+        )
         yield Finding("note", line.name, what, remedy)
 
 
