@@ -19,7 +19,10 @@ def images_as_text(plan: Plan) -> list[str]:
         ("Mirrors: reads are answered at once, writes take as long as at the device",
          ("UNIT", "NAME", "OF", "STALE", "POLLED"), mirrors),
     )  # fmt: skip
-    return [f"{title}\n{align([headings, *rows], '  ')}" for title, headings, rows in tables if rows]
+    shown = [f"{title}\n{align([headings, *rows], '  ')}" for title, headings, rows in tables if rows]
+    if any(one.of in plan.heard_on for one in plan.mirrors):
+        shown[-1] += "\n  Nothing can be written through a mirror of what is heard: writes get 0A."
+    return shown
 
 
 def images_as_json(plan: Plan) -> list[dict[str, Any]]:

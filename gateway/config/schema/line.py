@@ -113,7 +113,8 @@ class Line(Table):
         "request with the same function is sent to that unit: it gets 0B at once, or waits if 250 ms or less are "
         'left. `"auto"`: twice the time limit of the request, or the longest time that the device may take for any '
         "request (its `timeout`, `margin` x its table) if that is more. With a time-out of 1 s, one lost response "
-        "blocks that function of the unit for 2 s.",
+        "blocks that function of the unit for 2 s. Monitor lines: how long a request that has no answer keeps later "
+        'answers of its unit and function from being values; `"auto"` is 5 s for a device without a table.',
     )
     queue: Count = Field(
         64,
