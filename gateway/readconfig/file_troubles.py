@@ -61,6 +61,9 @@ def _about_files(config: Config, folder: Path) -> Iterator[Problem]:
     for line in config.line:
         if isinstance(line.port, VirtualPort):
             yield from _about_virtual_port(line, line.port)
+            # The usual folder of the control socket is that of whoever runs the gateway, not of who checks.
+            folder = Path(config.control.socket).parent if config.control and config.control.socket else None
+            yield from _in_the_way(line, folder / line.port.name if folder else Path(line.port.name))
 
 
 def _about_file(table: Table, key: str, loss: str, folder: Path) -> Iterator[Problem]:
@@ -198,6 +201,13 @@ def _about_virtual_port(line: Line, port: VirtualPort) -> Iterator[Problem]:
             what = f'there is no group "{line.group}" on this machine'
             remedy = "programs need the service's own group, or root, until there is: groupadd"
         yield warning(where, what, remedy)
+
+
+def _in_the_way(line: Line, link: Path) -> Iterator[Problem]:
+    """Warn of what is there already at the place of a link, and stays; a name without a folder is not looked for."""
+    if link.is_absolute() and os.path.lexists(link) and not link.is_symlink():
+        what = f"{link} is there already and is not a virtual port"
+        yield warning((*line.path, "port"), what, "the line stays down until it is moved, or the port has another name")
 
 
 def _no_folder(file: Path) -> str:

@@ -373,6 +373,16 @@ def test_the_group_of_a_virtual_port(about_virtual_port):
     assert about_virtual_port("ttyHMI", 'group = "no-such-group"') == [("group", what)]
 
 
+def test_what_is_at_the_place_of_the_link_of_a_virtual_port(about_virtual_port, tmp_path):
+    own = f'group = "{grp.getgrgid(os.getegid()).gr_name}"\n'
+    (tmp_path / "com1").touch()
+    (tmp_path / "com2").symlink_to("/dev/pts/4711")
+    found = [("port", f"{tmp_path}/com1 is there already and is not a virtual port")]
+    assert about_virtual_port(tmp_path / "com1", own) == found
+    assert about_virtual_port("com1", f'{own}[control]\nsocket = "{tmp_path}/control.sock"\n') == found
+    assert about_virtual_port(tmp_path / "com2", own) == []
+
+
 def test_the_folder_of_a_virtual_port(about_virtual_port, tmp_path):
     group = grp.getgrgid(os.getegid()).gr_name
     found = about_virtual_port(tmp_path / "nowhere/com1", f'group = "{group}"')
