@@ -252,8 +252,8 @@ async def test_whoever_comes_while_the_gateway_ends_is_not_answered(bench: Bench
     settings = ServerSettings("hmi", LineTiming("rtu", 19200, CharacterFormat(8, "N", 1)), frozenset({1}))
     listener = ProgramListener(settings, Router(), asyncio.get_running_loop(), discard_event)
     listener.port_up(link)
-    for is_ending in (False, True, True):
-        if is_ending:
+    for number in range(3):
+        if number == 1:
             listener.finish()
         before = bench.path.readlink()
         os.write(bench.program(), encode(1, bytes.fromhex("03 0000 0001")))
