@@ -21,16 +21,16 @@ class Caller:
     subject: str = ""
     role: str = ""
     #: Whether its request takes one of the first turns, by the priority of the row that allows it.
-    is_urgent: bool = False
+    has_priority: bool = False
 
     @classmethod
     def without_address(cls, name: str) -> "Caller":
         """Make the caller of a part of the gateway, or of a client on a serial line."""
         return cls(name, "", name)
 
-    def made_urgent(self) -> "Caller":
+    def with_priority(self) -> "Caller":
         """Make the same caller, for a request that takes one of the first turns."""
-        return replace(self, is_urgent=True)
+        return replace(self, has_priority=True)
 
 
 class Origin(Protocol):

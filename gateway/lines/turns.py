@@ -102,7 +102,7 @@ class Row(Member):
         oldest = self.places[0]
         transaction = oldest.transaction
         rank = URGENT if transaction.device.is_urgent or not transaction.asked.only_reads else PLAIN
-        return rank | WITH_PRIORITY if oldest.request.caller.is_urgent else rank
+        return rank | WITH_PRIORITY if oldest.request.caller.has_priority else rank
 
     def next(self, is_held: Held | None) -> Place | None:
         """Choose the first request that may go: not held, and not after a held one whose order it keeps."""

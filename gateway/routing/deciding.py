@@ -20,13 +20,13 @@ class Ruling:
     """Whether a request is allowed, and takes one of the first turns; `refused_at` is an address where it is not."""
 
     is_allowed: bool
-    is_urgent: bool = False
+    has_priority: bool = False
     refused_at: str = ""
 
 
 _REFUSED: Final = Ruling(is_allowed=False)
 _ALLOWED: Final = Ruling(is_allowed=True)
-_ALLOWED_AND_URGENT: Final = Ruling(is_allowed=True, is_urgent=True)
+_ALLOWED_FIRST: Final = Ruling(is_allowed=True, has_priority=True)
 
 
 class Deciding:
@@ -64,7 +64,7 @@ class Deciding:
                 if row is None or not includes(row.right, pdu):
                     return Ruling(is_allowed=False, refused_at=f"{span.area} {address}")
                 if row.priority == "high":
-                    ruling = _ALLOWED_AND_URGENT
+                    ruling = _ALLOWED_FIRST
         return ruling
 
     def _without_addresses(self, pdu: bytes) -> Ruling:
@@ -73,7 +73,7 @@ class Deciding:
                 return _REFUSED
         if self._last is None:
             return _REFUSED
-        return _ALLOWED_AND_URGENT if self._last.priority == "high" else _ALLOWED
+        return _ALLOWED_FIRST if self._last.priority == "high" else _ALLOWED
 
     def _deciders(self, span: Span) -> Iterator[tuple[int, AccessRow | None]]:
         """Yield the rows that decide at some addresses, each with its first one."""

@@ -83,7 +83,7 @@ class Rights(dict[str, tuple[Right, ...]]):
         """Decide about a request as `permits` does, and tell more."""
         rulings = [each.ruling(pdu) for each in self._deciding(host, unit)]
         refusal = next((ruling for ruling in rulings if not ruling.is_allowed), None)
-        return refusal or next((ruling for ruling in rulings if ruling.is_urgent), rulings[0])
+        return refusal or next((ruling for ruling in rulings if ruling.has_priority), rulings[0])
 
     def everywhere(self, host: str, unit: int) -> Right:
         """Return what is allowed to a client at all addresses of a unit; `permits` knows what else is."""

@@ -82,8 +82,8 @@ class Router:
             if not ruling.is_allowed:
                 self._deny(request, target, now, ruling.refused_at, device)
                 return
-            if ruling.is_urgent:
-                request.caller = caller.made_urgent()
+            if ruling.has_priority:
+                request.caller = caller.with_priority()
         target.submit(request, now)
 
     def _deny(self, request: Request, target: NamedTarget, now: float, refused_at: str, device: str) -> None:

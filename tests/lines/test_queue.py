@@ -51,7 +51,7 @@ class Waiting:
         transaction = self.transaction(client, pdu, unit, urgent=urgent)
         if priority:
             request = transaction.requests[0]
-            request.caller = request.caller.made_urgent()
+            request.caller = request.caller.with_priority()
         transaction.yields = yields
         assert self.queue.put(transaction, self.now) is None
         return transaction

@@ -196,7 +196,7 @@ def test_what_touches_no_such_address_passes(pdu):
 
 
 @pytest.mark.parametrize(
-    ("pdu", "is_urgent"),
+    ("pdu", "has_priority"),
     [
         ("03 0000 0001", True),
         ("03 0005 0006", True),
@@ -206,12 +206,12 @@ def test_what_touches_no_such_address_passes(pdu):
         ("01 0000 0001", False),
     ],
 )
-def test_a_row_of_high_priority_makes_the_requests_urgent_that_it_decides(pdu, is_urgent):
+def test_a_row_of_high_priority_gives_priority_to_the_requests_that_it_decides(pdu, has_priority):
     first = {"holding": "0-9", "allow": ["read", "write"], "priority": "high"}
     answers, _, request = asked_of(rows_of(first, {"allow": ["read", "write"]}), pdu)
     assert answers == [bytes.fromhex(pdu).hex(" ").upper()]
-    assert request.caller.is_urgent is is_urgent
-    assert replace(request.caller, is_urgent=False) == request.origin.caller
+    assert request.caller.has_priority is has_priority
+    assert replace(request.caller, has_priority=False) == request.origin.caller
 
 
 def test_the_copies_of_a_broadcast_are_as_urgent_as_it_is():
@@ -219,7 +219,7 @@ def test_the_copies_of_a_broadcast_are_as_urgent_as_it_is():
     device = SimpleNamespace(name="", submit=lambda request, now: copies.append(request))
     rows = rows_of({"allow": ["read", "write"], "priority": "high"})
     asked_of(rows, "06 0000 0001", unit=0, target=Broadcast([Recipient(device)]))
-    assert [each.caller.is_urgent for each in copies] == [True]
+    assert [each.caller.has_priority for each in copies] == [True]
 
 
 def test_a_broadcast_is_refused_where_one_unit_is():

@@ -404,7 +404,7 @@ def test_who_waits_for_a_device_of_high_priority_is_first() -> None:
 def test_a_client_with_priority_is_first_and_then_each_of_the_others_is() -> None:
     bench = UpstreamBench(in_flight=1)
     prior = Asker("10.0.0.7:1", host="10.0.0.7")
-    prior.caller = prior.caller.made_urgent()
+    prior.caller = prior.caller.with_priority()
     for unit in (37, 38, 39):
         bench.ask(unit=unit, client=Asker(f"10.0.1.{unit}:1", host=f"10.0.1.{unit}"))
     bench.ask(WRITE, unit=41, client=Asker("10.0.0.8:1", host="10.0.0.8"))
