@@ -59,7 +59,7 @@ class PtyLink:
     def serve(self, came: Came) -> None:
         """Let programs ask: `came` gets the port of each."""
         self._came = came
-        self._free.begin(_PortUse(self, self._free, came(self._free)))
+        self._free.begin(came(self._free))
 
     def write(self, data: bytes) -> None:
         """Do nothing: no program has this port."""
@@ -84,7 +84,7 @@ class PtyLink:
     def _lead_to_another(self) -> PtyPort:
         """Make a new port, and let the link lead to it. Raises PortError."""
         try:
-            port = PtyPort(self._loop, make_pseudo_terminal(self._group), self.latency, self._taken)
+            port = PtyPort(self._loop, make_pseudo_terminal(self._group), self.latency, self._taken, self._ended)
         except OSError as error:
             raise PortError(f"there is no pseudo-terminal for a virtual port: {error.strerror}") from error
         try:
@@ -106,7 +106,7 @@ class PtyLink:
             self.serve(self._came)
         return len(self._used) <= MOST_PROGRAMS
 
-    def ended(self, port: PtyPort) -> None:
+    def _ended(self, port: PtyPort) -> None:
         """Forget the port of a program that has closed it. If it was not taken yet, others need another one."""
         self._used.discard(port)
         if port is self._free and self._user is not None:
@@ -121,21 +121,3 @@ class PtyLink:
         for port in (self._free, *self._used):
             port.close()
         user.lost(error)
-
-
-class _PortUse:
-    """The user of a program's port: passes everything on, and the end to the link too."""
-
-    __slots__ = ("_link", "_port", "_user", "give_up", "received")
-
-    def __init__(self, link: PtyLink, port: PtyPort, user: PtyUser) -> None:
-        self.received = user.received
-        self.give_up = user.give_up
-        self._link = link
-        self._port = port
-        self._user = user
-
-    def lost(self, error: PortError) -> None:
-        """Tell both."""
-        self._link.ended(self._port)
-        self._user.lost(error)

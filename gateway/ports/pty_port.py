@@ -41,7 +41,7 @@ class PtyPort:
     """The port of a program: see Port. `latency` in seconds.
 
     `taken` is called when a program has written to it, or was there and left: others have to get another one from then
-    on. It returns False if this one is not wanted.
+    on. It returns False if this one is not wanted. `ended` is called before its user is told of the end.
     """
 
     has_arrived: ClassVar[None] = None
@@ -53,6 +53,7 @@ class PtyPort:
         terminal: PseudoTerminal,
         latency: float,
         taken: Callable[["PtyPort"], bool],
+        ended: Callable[["PtyPort"], None],
     ) -> None:
         self.latency = latency
         self.is_virtual = True
@@ -68,6 +69,7 @@ class PtyPort:
             os.close(terminal.master)
             raise
         self._taken = taken
+        self._ended = ended
         self._user: PtyUser | None = None
         self._is_open = True
         #: Whether others get another one.
@@ -179,4 +181,5 @@ class PtyPort:
         os.close(self._master)
         user, self._user = self._user, None
         if user is not None:
+            self._ended(self)
             user.lost(error)
