@@ -49,7 +49,7 @@ def _parts(status: Status, others: list[Note], width: int, prose_width: int) -> 
         yield "\n".join(["Notes", *_paragraphs(others, prose_width)])
     silent = sum(not was_asked(unit) for unit in status.units)
     if silent:
-        yield f"{silent} unit{' has' if silent == 1 else 's have'} not been polled yet."
+        yield f"{silent} unit{' has' if silent == 1 else 's have'} not been asked yet."
 
 
 def only(status: Status, line: str) -> Status:

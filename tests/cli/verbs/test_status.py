@@ -162,7 +162,7 @@ def test_the_status_of_a_daemon_of_this_version(monkeypatch, capsys) -> None:
         *LISTENERS,
         *NOTES,
         "",
-        "1 unit has not been polled yet.",
+        "1 unit has not been asked yet.",
     ]
 
 
