@@ -73,9 +73,9 @@ class MonitorCounts:
     """What was heard since the start.
 
     Requests; those with an answer, and those of them that are `sure`; those without one. Responses that answer no
-    request that was heard, and requests that violate the specification. Frames that can be read `both_ways`. Bytes that
-    belong to no frame: broken frames and noise (`stretches`), or what switching a driver leaves (`glitches`).
-    `requests_to` counts requests by unit.
+    request that was heard, and requests that violate the specification. Frames that can be read `both_ways`. Stretches
+    of bytes that belong to no frame (`noise`), but for what switching a driver leaves. `requests_to` counts requests by
+    unit.
     """
 
     requests: int = 0
@@ -84,8 +84,7 @@ class MonitorCounts:
     unanswered: int = 0
     strays: int = 0
     both_ways: int = 0
-    stretches: int = 0
-    glitches: int = 0
+    noise: int = 0
     requests_to: dict[int, int] = field(default_factory=dict)
 
 
@@ -258,10 +257,7 @@ class Monitor:
         if self._stretch is not None:
             self._judge(answer=None)
         self._stretch = stretch, before
-        if stretch.is_glitch:
-            self.counts.glitches += 1
-        else:
-            self.counts.stretches += 1
+        self.counts.noise += not stretch.is_glitch
         self._telling.record_noise(stretch.data, stretch.count, stretch.at)
 
     def _judge(self, *, answer: Frame | None) -> bool:

@@ -33,11 +33,8 @@ _ALWAYS: Final = frozenset({"ok", "exception", "timeout", "bad_frame"})
 _ERRORS: Final = ("late_responses", "early_responses", "foreign_frames", "noise", "echoes")
 _ERRORS_OF: Final = attrgetter(*_ERRORS)
 
-#: What is counted on a line that only listens, by the word for it.
-_HEARD: Final = {
-    **{each: each for each in ("requests", "answers", "sure", "unanswered", "strays", "both_ways")},
-    "noise": "stretches",
-}
+#: What is counted on a line that only listens.
+_HEARD: Final = ("requests", "answers", "sure", "unanswered", "strays", "both_ways", "noise")
 
 _UNIT: Final = ("line", "unit", "function")
 
@@ -229,8 +226,8 @@ def _heard(monitors: Iterable[GatewayMonitor]) -> Iterable[Family]:
     """Count what is heard on lines where the gateway only listens, if there are any."""
     heard = Family("counter", "heard", "What was heard on a line that only listens, by kind.", ("line", "kind"))
     for monitor in monitors:
-        for kind, attribute in _HEARD.items():
-            heard.add(getattr(monitor.driver.monitor.counts, attribute), monitor.name, kind)
+        for kind in _HEARD:
+            heard.add(getattr(monitor.driver.monitor.counts, kind), monitor.name, kind)
     return (heard,) if heard.values else ()
 
 

@@ -297,7 +297,7 @@ def _monitor(parts: GatewayMonitor, recent: Recent, now: float) -> MonitorStatus
             counts.unanswered,
             counts.strays,
             counts.both_ways,
-            counts.stretches,
+            counts.noise,
         ),
         unknown_units=tuple(UnknownUnitStatus(*each) for each in parts.unknown_units()),
         users=tuple(_users(parts, recent.users(parts, now)[:MOST_USERS])),

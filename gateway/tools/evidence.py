@@ -224,7 +224,7 @@ def monitor_evidence(monitor: GatewayMonitor, now: float, recent: Recent, record
         answers=counts.answers,
         sure=counts.sure,
         strays=counts.strays,
-        noise=counts.stretches,
+        noise=counts.noise,
         ago=None if monitor.heard_at == NEVER else now - monitor.heard_at,
         units=tuple(map(_heard_unit, monitor.all_devices)),
         unknown_units=tuple(monitor.unknown_units()),
