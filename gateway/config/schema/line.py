@@ -114,7 +114,7 @@ class Line(Table):
         'left. `"auto"`: twice the time limit of the request, or the longest time that the device may take for any '
         "request (its `timeout`, `margin` x its table) if that is more. With a time-out of 1 s, one lost response "
         "blocks that function of the unit for 2 s. Monitor lines: how long a request that has no answer keeps later "
-        'answers of its unit and function from being values; `"auto"` is 5 s for a device without a table.',
+        'answers of its unit and function from being values; `"auto"` is at least 5 s for a device without a table.',
     )
     queue: Count = Field(
         64,
