@@ -62,8 +62,8 @@ def _about_files(config: Config, folder: Path) -> Iterator[Problem]:
         if isinstance(line.port, VirtualPort):
             yield from _about_virtual_port(line, line.port)
             # The usual folder of the control socket is that of whoever runs the gateway, not of who checks.
-            folder = Path(config.control.socket).parent if config.control and config.control.socket else None
-            yield from _in_the_way(line, folder / line.port.name if folder else Path(line.port.name))
+            socket = None if config.control is None else config.control.socket
+            yield from _in_the_way(line, Path() if socket is None else Path(socket).parent, line.port.name)
 
 
 def _about_file(table: Table, key: str, loss: str, folder: Path) -> Iterator[Problem]:
@@ -203,8 +203,9 @@ def _about_virtual_port(line: Line, port: VirtualPort) -> Iterator[Problem]:
         yield warning(where, what, remedy)
 
 
-def _in_the_way(line: Line, link: Path) -> Iterator[Problem]:
+def _in_the_way(line: Line, folder: Path, name: str) -> Iterator[Problem]:
     """Warn of what is there already at the place of a link, and stays; a name without a folder is not looked for."""
+    link = folder / name
     if link.is_absolute() and os.path.lexists(link) and not link.is_symlink():
         what = f"{link} is there already and is not a virtual port"
         yield warning((*line.path, "port"), what, "the line stays down until it is moved, or the port has another name")
