@@ -62,8 +62,8 @@ def _about_files(config: Config, folder: Path) -> Iterator[Problem]:
         if isinstance(line.port, VirtualPort):
             yield from _about_virtual_port(line, line.port)
             # The usual folder of the control socket is that of whoever runs the gateway, not of who checks.
-            socket = None if config.control is None else config.control.socket
-            yield from _in_the_way(line, Path() if socket is None else Path(socket).parent, line.port.name)
+            socket = config.control.socket if config.control else None
+            yield from _in_the_way(line, Path(socket or "").parent / line.port.name)
 
 
 def _about_file(table: Table, key: str, loss: str, folder: Path) -> Iterator[Problem]:
