@@ -225,7 +225,7 @@ async def test_a_mirror_says_what_to_do_likewise() -> None:
         assert await bench.client().asks(241, "03 00 00 00 01") == "83 0B"
         said = sentences(last_story(bench, "copy"))
         assert said.startswith(
-            "No fresh value: meter-3 has not answered for too long. modbus-gateway trace --why meter-3"
+            "No fresh value: meter-3 (holding 0) has not answered for too long. modbus-gateway trace --why meter-3"
         )
 
 
