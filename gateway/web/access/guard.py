@@ -39,6 +39,8 @@ Need = Literal["nothing", "metrics", "reading", "page", "login", "operator"]
 #: A Host: an IPv6 address in brackets, or an IPv4 address or a name; and its port.
 _HOST: Final = re.compile(r"(?:\[([0-9A-Fa-f:.]{2,45})\]|([0-9A-Za-z._-]{1,253}))(?::[0-9]{1,5})?")
 _UNSAFE: Final = frozenset({"POST", "PUT", "PATCH", "DELETE"})
+#: Where a browser says that a request comes from, if it comes from a page of another site.
+_ELSEWHERE: Final = frozenset({"cross-site", "same-site"})
 #: What an address may choose for any page: its language and its theme.
 _CHOICES: Final = ("lang", "theme")
 #: What only a proxy adds: the client is elsewhere, although the connection comes from this machine.
@@ -114,8 +116,7 @@ class Guard:
             if need != "nothing":
                 self._check_token(visitor)
             if request.method in _UNSAFE:
-                if visitor.program is None:
-                    self._check_origin(request)
+                self._check_origin(request, visitor)
                 if request.path in long_bodies:
                     self._check(request, visitor, need)
                     async with long_turn:
@@ -187,8 +188,15 @@ class Guard:
         if request.headers.get("Sec-Fetch-Site") == "cross-site" and need == "reading":
             raise ProblemError(403, "pages of other sites get no answer")
 
-    def _check_origin(self, request: web.Request) -> None:
-        """Check that a request that changes something comes from a page of ours."""
+    def _check_origin(self, request: web.Request, visitor: Visitor) -> None:
+        """Check that a request that changes something comes from a page of ours, or from a program.
+
+        A proxy may add the token of a program to what browsers send.
+        """
+        if visitor.program is not None:
+            if request.headers.get("Sec-Fetch-Site") in _ELSEWHERE:
+                raise ProblemError(403, "pages of other sites change nothing, with the token of a program neither")
+            return
         origin = urlsplit(request.headers.get("Origin", ""))
         is_same = origin.netloc.lower() == request.host.lower()
         address = _address(request.remote or "")

@@ -189,6 +189,12 @@ async def test_a_wrong_csrf_token_or_origin_does_not_matter_to_a_program(bench):
     assert page.status == 200
 
 
+@pytest.mark.parametrize(("site", "status"), [("cross-site", 403), ("same-site", 403), ("same-origin", 200)])
+async def test_a_proxy_that_adds_a_token_opens_no_way_for_pages_of_other_sites(bench, site, status):
+    page = await bench.browser(AFAR).put(PLACE, [5], **BARE, **{"Sec-Fetch-Site": site}, **bearer(MES))
+    assert page.status == status
+
+
 async def test_nobody_logs_in_with_a_token(bench):
     browser = bench.browser(AFAR)
     assert (await browser.log_in("mes", MES)).status == 401
