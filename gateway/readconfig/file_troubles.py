@@ -203,9 +203,8 @@ def _about_virtual_port(line: Line, port: VirtualPort) -> Iterator[Problem]:
         yield warning(where, what, remedy)
 
 
-def _in_the_way(line: Line, folder: Path, name: str) -> Iterator[Problem]:
+def _in_the_way(line: Line, link: Path) -> Iterator[Problem]:
     """Warn of what is there already at the place of a link, and stays; a name without a folder is not looked for."""
-    link = folder / name
     if link.is_absolute() and os.path.lexists(link) and not link.is_symlink():
         what = f"{link} is there already and is not a virtual port"
         yield warning((*line.path, "port"), what, "the line stays down until it is moved, or the port has another name")
