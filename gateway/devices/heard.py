@@ -6,7 +6,7 @@ from typing import Final
 from gateway.devices.device import Device, DeviceSettings
 from gateway.errors import OnlyHeard
 from gateway.events import Emit, discard_event
-from gateway.lines.monitor import HeardTransaction
+from gateway.lines.monitor.monitor import HeardTransaction
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.request import Caller, Request

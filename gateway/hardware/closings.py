@@ -1,4 +1,4 @@
-"""Whether somebody has closed a device file, told by the kernel (inotify(7)).
+"""Whether somebody has opened or closed a device file, told by the kernel (inotify(7)).
 
 The descriptor of a pseudo-terminal's master says only whether somebody has the other end open now. That one program has
 closed it and the next one opened it is not seen there if both happen between two looks.
@@ -11,6 +11,7 @@ from typing import Final, Literal
 from gateway.clock.threads import ThreadPerCall
 
 _WRITTEN: Final = 0x02
+_OPENED: Final = 0x20
 _CLOSED: Final = 0x08 | 0x10
 #: The kernel has dropped events.
 _OVERFLOW: Final = 0x4000
@@ -26,6 +27,7 @@ class Closings:
     """Watches from now on whether the device file at `path` is closed, and was written to before that.
 
     A closing is told before anybody else can notice it, and after all that was written. Who has written is not told.
+    Whether it `was_opened` is told up to the last look.
 
     Raises:
         OSError: the file does not exist, or there are too many watches.
@@ -35,10 +37,14 @@ class Closings:
         import ctypes  # noqa: PLC0415 - few gateways have a virtual port
 
         libc = ctypes.CDLL(None, use_errno=True)
+        self.was_opened = False
         self._is_written = False
-        #: Readable after a writing or a closing, until `look`.
+        #: Readable after an opening, a writing or a closing, until `look`.
         self.descriptor: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
-        if self.descriptor < 0 or libc.inotify_add_watch(self.descriptor, os.fsencode(path), _WRITTEN | _CLOSED) < 0:
+        if (
+            self.descriptor < 0
+            or libc.inotify_add_watch(self.descriptor, os.fsencode(path), _OPENED | _WRITTEN | _CLOSED) < 0
+        ):
             number = ctypes.get_errno()
             self.close()
             raise OSError(number, os.strerror(number), path)
@@ -52,6 +58,7 @@ class Closings:
             except BlockingIOError:
                 return found
             for _, events, _, _ in _EVENT.iter_unpack(told):
+                self.was_opened |= bool(events & (_OPENED | _OVERFLOW))
                 self._is_written |= bool(events & (_WRITTEN | _OVERFLOW))
                 if events & (_CLOSED | _OVERFLOW):
                     found = "written" if self._is_written else found or "unwritten"

@@ -14,7 +14,7 @@ from math import inf
 
 from gateway.images.polled_range import Part, Reader
 from gateway.images.supply import Supply
-from gateway.lines.monitor import HeardTransaction
+from gateway.lines.monitor.monitor import HeardTransaction
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.pdu import Span
 from gateway.registers.items import REGISTER, has_bits, items_read

@@ -12,6 +12,5 @@
 - breaker, idle, reopening    back-off of units, scans in idle time, requests that wait for a connection
 - telling, counts    events, records for the trace, counters for the status
 - driver       connects a line to port and event loop
-- monitor, monitor_driver    a line where others ask and answer: what is heard there, its port and event loop
-- succession, heard_requests    the bytes of a bus, cut into frames; which answers can be believed
+- monitor      a line where the gateway only listens
 """

@@ -1,10 +1,10 @@
 """One pseudo-terminal as the serial port of one program of this machine.
 
-From the first byte that a program writes, until it has closed it, it is the program's: the link leads to another one
-by then, and nobody opens this one any more. What the program had asked, or had not read, when it ended goes with it. So
+From the moment a program has opened it, until it has closed it, it is the program's: the link leads to another one by
+then, and nobody opens this one any more. What the program had asked, or had not read, when it ended goes with it. So
 nobody reads what was for another, whatever happens between two looks of the gateway.
 
-Programs that have opened it before that share it, as one client. When one of them closes it, what is under way is given
+Programs that open it at the same moment share it, as one client. When one of them closes it, what is under way is given
 up: it may have been his.
 """
 
@@ -40,8 +40,7 @@ class PtyUser(PortUser, Protocol):
 class PtyPort:
     """The port of a program: see Port. `latency` in seconds.
 
-    `taken` is called when a program has written to it, or was there and left: others have to get another one from then
-    on. It returns False if this one is not wanted. `ended` is called before its user is told of the end.
+    `taken` is called when a program has opened it: others have to get another one from then on. It returns False if this one is not wanted. `ended` is called before its user is told of the end.
     """
 
     has_arrived: ClassVar[None] = None
@@ -106,15 +105,15 @@ class PtyPort:
 
     def read_now(self) -> None:
         """Deliver what the program has written, or find that it has left."""
-        has_bytes, has_left = self._look()
-        if (has_bytes or has_left) and not self._is_taken:
+        has_given_up = self._is_open and self._has_given_up()
+        if self._closings.was_opened and not self._is_taken:
             self._is_taken = True
             if not self._taken(self):
                 self._end(PortClosed())
-            has_bytes, has_left = self._look()  # the last one may have left, or one more come
+        has_bytes, has_left = self._look()
         if has_left:
             self._end(PortError(_LEFT))
-        elif self._is_open and not self._has_given_up() and has_bytes:
+        elif has_bytes and not has_given_up and not self._has_given_up():
             self.is_in_use = True
             self._deliver()
 

@@ -12,7 +12,7 @@ from gateway.images.mirror import Mirror
 from gateway.images.persistent import PersistentImage
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.lines.driver import LineDriver
-from gateway.lines.monitor_driver import MonitorDriver
+from gateway.lines.monitor.driver import MonitorDriver
 from gateway.listeners.programs import ProgramListener
 from gateway.listeners.serial import SerialListener
 from gateway.listeners.tcp import TcpListener

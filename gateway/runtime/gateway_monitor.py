@@ -8,8 +8,8 @@ from gateway.config.plan.settings import MonitorPlan
 from gateway.devices.heard import HeardDevice
 from gateway.events import Emit
 from gateway.lines.counts import UnitCounts
-from gateway.lines.monitor import HeardTransaction, Monitor
-from gateway.lines.monitor_driver import MonitorDriver
+from gateway.lines.monitor.driver import MonitorDriver
+from gateway.lines.monitor.monitor import HeardTransaction, Monitor
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.modbus.pdu import RequestPdu
 from gateway.ports.port import Opener

@@ -5,7 +5,7 @@ import pytest
 from gateway.devices.device import DeviceSettings
 from gateway.devices.heard import HeardDevice
 from gateway.lines.last_reads import LastReads
-from gateway.lines.monitor import HeardTransaction
+from gateway.lines.monitor.monitor import HeardTransaction
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
 from gateway.profiles.profile import Profile

@@ -9,7 +9,7 @@ from gateway.images.polls import MirrorSettings, Poll
 from gateway.images.virtual.row import Source
 from gateway.images.virtual.settings import FreshBits, MappedValue, VirtualSettings
 from gateway.images.virtual.unit import VirtualUnit
-from gateway.lines.monitor import HeardTransaction
+from gateway.lines.monitor.monitor import HeardTransaction
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import Span, parse_request

@@ -9,7 +9,7 @@ assert bench.take() == [...]
 from collections.abc import Callable
 
 from gateway.events import Event
-from gateway.lines.monitor import HeardTransaction, Monitor
+from gateway.lines.monitor.monitor import HeardTransaction, Monitor
 from gateway.lines.settings import LineSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu

@@ -25,7 +25,7 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from gateway.events import discard_event
-from gateway.lines.monitor import HeardTransaction, Monitor
+from gateway.lines.monitor.monitor import HeardTransaction, Monitor
 from gateway.lines.settings import LineSettings
 from gateway.modbus.pdu import can_be_read_both_ways
 from gateway.timing.characters import CharacterFormat, LineTiming

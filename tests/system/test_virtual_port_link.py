@@ -171,15 +171,29 @@ async def test_one_that_has_only_looked_takes_nothing_away(bench: Bench) -> None
     assert [session.heard for session in bench.sessions if session.heard] == [[b"second"]]
 
 
-async def test_when_the_last_one_leaves_the_link_leads_elsewhere(bench: Bench) -> None:
+async def test_once_a_program_has_opened_it_the_link_leads_elsewhere(bench: Bench) -> None:
     await bench.open()
     before = bench.path.readlink()
-    first, other = bench.program(), bench.program()
+    first = bench.program()
+    await until(lambda: bench.path.readlink() != before)
+    other = bench.program()
+    for port, text in ((other, b"other"), (first, b"first")):
+        os.write(port, text)
+    await until(lambda: bench.sessions[0].heard and bench.sessions[1].heard)
+    assert [session.heard for session in bench.sessions[:2]] == [[b"first"], [b"other"]]
+    bench.leave(first)
+    await until(lambda: "the program has closed the port" in bench.sessions[0].heard)
+    assert bench.sessions[1].heard == [b"other"]
+
+
+async def test_who_shares_a_port_has_it_until_the_last_one_leaves(bench: Bench) -> None:
+    await bench.open()
+    first, other = bench.program(), bench.program()  # at the same moment
     bench.leave(first)
     await asyncio.sleep(0.05)
-    assert bench.path.readlink() == before
+    assert bench.sessions[0].heard == []
     bench.leave(other)
-    await until(lambda: bench.path.readlink() != before)
+    await until(lambda: bench.sessions[0].heard)
     assert bench.sessions[0].heard == ["the program has closed the port"]
 
 
@@ -300,6 +314,6 @@ async def test_nothing_is_left_open(bench: Bench) -> None:
         await until(lambda count=count: bench.sessions[count - 1].heard)
         bench.leave(program)
         await until(lambda count=count: len(bench.sessions[count - 1].heard) > 1)
-    assert open_files() == before
+    await until(lambda: open_files() == before)  # a thread closes the watches
     link.close()
-    assert open_files() == before - 2
+    await until(lambda: open_files() == before - 2)

@@ -172,12 +172,14 @@ def test_each_program_gets_its_own_responses(running: Running) -> None:
             assert first.heard(PATIENCE) == encode(1, bytes.fromhex("03 04 0000 0000"))
 
 
-def test_programs_that_have_opened_it_before_anybody_has_asked_share_it(running: Running) -> None:
-    with Program(running.link) as first, Program(running.link) as second:
-        assert first.answer() == RIGHT
-        assert second.answer() == RIGHT
-        first.close()
-        assert second.answer() == RIGHT
+def test_programs_that_have_opened_it_before_anybody_has_asked_get_their_own_responses_too(running: Running) -> None:
+    with Program(running.link) as first:
+        time.sleep(SILENCE)
+        with Program(running.link) as second:
+            first.ask(unit=1)
+            assert second.answer() == RIGHT
+            assert second.heard() == b""
+            assert first.heard(PATIENCE) == encode(1, bytes.fromhex("03 04 0000 0000"))
 
 
 def test_what_a_program_had_asked_that_was_killed_is_no_answer_for_the_next_one(running: Running) -> None:

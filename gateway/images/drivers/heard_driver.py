@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from gateway.events import Emit, PartFailed
 from gateway.images.heard_values import HeardValues
 from gateway.images.polled_range import Part
-from gateway.lines.monitor import HeardTransaction
+from gateway.lines.monitor.monitor import HeardTransaction
 
 
 class HeardSource(Protocol):

@@ -18,9 +18,9 @@ from typing import Final
 
 from gateway.errors import RequestError
 from gateway.events import Emit
-from gateway.lines.heard_requests import Doubt, HeardRequest, HeardRequests, Key
+from gateway.lines.monitor.requests import Doubt, HeardRequest, HeardRequests, Key
+from gateway.lines.monitor.succession import Part, Stretch, Succession
 from gateway.lines.settings import LineSettings
-from gateway.lines.succession import Part, Stretch, Succession
 from gateway.lines.telling import Telling
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT, WITHOUT_EFFECT
 from gateway.modbus.frame import Frame

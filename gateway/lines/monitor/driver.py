@@ -5,7 +5,7 @@ from functools import partial
 
 from gateway.errors import PortError
 from gateway.events import Emit
-from gateway.lines.monitor import Monitor
+from gateway.lines.monitor.monitor import Monitor
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import CharacterErrors, OpenAgain, Port, Wire, resolve_wire
 
