@@ -40,7 +40,8 @@ class PtyUser(PortUser, Protocol):
 class PtyPort:
     """The port of a program: see Port. `latency` in seconds.
 
-    `taken` is called when a program has opened it: others have to get another one from then on. It returns False if this one is not wanted. `ended` is called before its user is told of the end.
+    `taken` is called when a program has opened it: others have to get another one from then on. It returns False if
+    this one is not wanted. `ended` is called before its user is told of the end.
     """
 
     has_arrived: ClassVar[None] = None
