@@ -1,4 +1,7 @@
-"""A symbolic link that leads to a pseudo-terminal. No other file of a user is ever replaced or deleted."""
+"""A symbolic link that leads to a pseudo-terminal. It replaces such a link, which a killed gateway may have left.
+
+No other file of a user is ever replaced or deleted.
+"""
 
 import os
 import re

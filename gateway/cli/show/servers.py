@@ -87,8 +87,10 @@ def _units_as_text(server: ServerPlan, plan: Plan) -> Iterator[str]:
     """Show the units, and what answers for each; neighbours on the same pass-through line in one row."""
     rows: list[tuple[list[int], str, str]] = []
     passing = {device.name: line.name for line in plan.lines if line.passes_through for device in line.devices}
+    heard = {device.name for monitor in plan.monitors for device in monitor.devices}
     for unit, (name, wait) in waits_behind(server, plan).items():
-        told, longest = (f"line {passing[name]}" if name in passing else name), round_up(wait)
+        told = f"line {passing[name]}" if name in passing else name
+        longest = "0A: only heard" if name in heard else round_up(wait)
         if rows and name in passing and rows[-1][1:] == (told, longest):
             rows[-1][0].append(unit)
         else:

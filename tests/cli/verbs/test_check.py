@@ -863,7 +863,7 @@ def test_what_is_heard_is_in_the_picture_with_its_line(tmp_path, capsys):
     assert "241   m     boiler  2 s    holding 0-9 heard on old-plc" in said
     assert "  Nothing can be written through a mirror of what is heard: writes get 0A." in said
     assert "  boiler is heard on old-plc: a row is taken from one answer with all of it." in said
-    assert re.search(r"63 +boiler +at once", said)
+    assert re.search(r"63 +boiler +0A: only heard", said)
     assert re.search(r"holding 0-1 +40001 +boiler +- +holding 0-1 +as there +heard +-", said)
     assert main(["check", "--json", str(file)]) == 0
     told = json.loads(capsys.readouterr().out)
