@@ -59,5 +59,5 @@ async def test_it_notices_a_restart_that_forgets_an_unanswered_move(monkeypatch)
 
 @pytest.mark.interpreted
 async def test_it_notices_a_broadcast_of_an_address(monkeypatch) -> None:
-    monkeypatch.setattr(EveryQuirkyDevice, "submit", EveryDevice.submit)
+    monkeypatch.setattr(EveryQuirkyDevice, "check", EveryDevice.check)
     assert (await played(transactions=2000)).wrong_count > 0
