@@ -355,5 +355,7 @@ def a_write_of_half_a_point_is_let_through(patch: pytest.MonkeyPatch) -> None:
 )
 def test_it_notices(world: str, lie: Lie, monkeypatch: pytest.MonkeyPatch) -> None:
     lie(monkeypatch)
-    transactions = {"upstreams": 5000, "maps": 2000, "monitors": 8000}.get(world, 1500)  # what is rare needs more
+    transactions = {"upstreams": 5000, "maps": 2000}.get(world, 1500)  # many servers, and many kinds of rows
+    if lie is what_is_heard_is_as_old_as_its_answer:
+        transactions = 8000  # it shows only where an answer came late
     assert run(world, transactions, 0.2, seed=1).wrong_count > 0
