@@ -214,7 +214,8 @@ def test_a_full_disk_refuses_writes_and_loses_none_that_was_acknowledged(tmp_pat
         gateway.wait_for("state_kept_again")
         gateway.signal(signal.SIGKILL)
         gateway.wait()
-        assert [event["event"] for event in gateway.log].count("state_not_kept") == 1
+        files = [event["file"] for event in gateway.log if event["event"] == "state_not_kept"]
+        assert len(files) == len(set(files))  # once for each: others are written too if that takes long
     assert asked(tmp_path, "always", "03 0000 0001") == ["03 02 00 09"]
 
 
