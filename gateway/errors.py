@@ -2,21 +2,21 @@
 
 GatewayError
 ├── RequestError                 a client gets an exception response with `code`
-│   ├── IllegalFunction          01  the unit does not support the function
-│   │   └── AccessDenied         01  the client has no right to it
-│   ├── IllegalDataAddress       02  a coil or register that does not exist
-│   ├── IllegalDataValue         03  a length, quantity, byte count or value that the specification forbids
-│   ├── ServerDeviceFailure      04  the unit failed during the request
-│   │   └── LineShared           04  not sent: another client could come between the read and the write of a register
+│   ├── Refused                  04  what is asked for is not done; one with another `code` says why
+│   │   ├── IllegalFunction      01  the unit does not support the function
+│   │   │   └── AccessDenied     01  the client has no right to it
+│   │   ├── IllegalAddress       02  a coil or register that does not exist
+│   │   ├── IllegalValue         03  a length, quantity, byte count or value that the specification forbids
+│   │   ├── DeviceFailure        04  the unit failed during the request
+│   │   │   └── LineShared       04  not sent: another client could come between the read and the write of a register
+│   │   ├── NoRoute              0A  unit not configured
+│   │   └── OnlyHeard            0A  others ask the unit, and the gateway only listens on its line
 │   ├── Busy                     06  nothing was sent
 │   │   ├── QueueFull            06  too many requests wait for the line
 │   │   ├── WaitedTooLong        06  the request waited longer than `max_wait`
 │   │   └── Unwanted             06  a write of a client that sends no more; any request of a client that has left
-│   ├── PathUnavailable          0A  nothing was sent
-│   │   ├── NoRoute              0A  unit not configured
-│   │   ├── OnlyHeard            0A  others ask the unit, and the gateway only listens on its line
-│   │   └── LineDown             0A  the port or upstream of the unit is down
-│   └── TargetFailedToRespond    0B  the device may have acted
+│   ├── LineDown                 0A  nothing was sent: the port or upstream of the unit is down
+│   └── NoResponse               0B  the device may have acted
 │       ├── ResponseTimeout      0B  nothing came within the limit
 │       ├── BrokenResponse       0B  what came within the limit was not the response
 │       ├── LineLost             0B  the port was lost during the request
@@ -34,7 +34,7 @@ GatewayError
 ├── BrokerError                  the broker cannot be reached, or refuses
 ├── FleetError                   NATS cannot be reached, or refuses
 ├── StateError                   a file in the state directory cannot be read
-├── ConfigError                  the process that reads the config failed
+├── ConfigError                  a config has `problems`, or the process that reads it failed
 ├── UsersError                   the file with the users of the web page cannot be used
 ├── WrongQuestion                an operation cannot be carried out; if no subclass says more, something is not there
 │   ├── Malformed                a parameter is missing, or makes no sense
@@ -74,12 +74,24 @@ class GatewayError(Exception):
 class RequestError(GatewayError):
     """Why a request gets an exception response instead of data."""
 
-    code: ClassVar[ExceptionCode]
+    #: Of the exception response, 1-255; the known ones are in ExceptionCode.
+    code: int
     #: The result of the request in status and metrics.
     result: ClassVar[str] = "refused"
 
 
-class IllegalFunction(RequestError):
+class Refused(RequestError):
+    """The unit, or the gateway in its place, does not do what is asked for; `code` says why."""
+
+    code: int = ExceptionCode.SERVER_DEVICE_FAILURE
+
+    def __init__(self, message: str = "", code: int | None = None) -> None:
+        super().__init__(message)
+        if code is not None:
+            self.code = code
+
+
+class IllegalFunction(Refused):
     """The unit does not support the function."""
 
     code = ExceptionCode.ILLEGAL_FUNCTION
@@ -91,26 +103,40 @@ class AccessDenied(IllegalFunction):
     result = "denied"
 
 
-class IllegalDataAddress(RequestError):
+class IllegalAddress(Refused):
     """The request names a coil or register that the unit does not have."""
 
     code = ExceptionCode.ILLEGAL_DATA_ADDRESS
 
 
-class IllegalDataValue(RequestError):
+class IllegalValue(Refused):
     """A length, quantity, byte count or value is outside the specification."""
 
     code = ExceptionCode.ILLEGAL_DATA_VALUE
 
 
-class ServerDeviceFailure(RequestError):
+class DeviceFailure(Refused):
     """The unit failed during the request."""
 
     code = ExceptionCode.SERVER_DEVICE_FAILURE
 
 
-class LineShared(ServerDeviceFailure):
+class LineShared(DeviceFailure):
     """Not sent, or not written: another client on the line could write between the read and the write of a register."""
+
+
+class NoRoute(Refused):
+    """The unit is not configured."""
+
+    code = ExceptionCode.GATEWAY_PATH_UNAVAILABLE
+    result = "no_route"
+
+
+class OnlyHeard(Refused):
+    """The unit is on a line where others ask, and the gateway only listens."""
+
+    code = ExceptionCode.GATEWAY_PATH_UNAVAILABLE
+    result = "only_heard"
 
 
 class Busy(RequestError):
@@ -137,79 +163,62 @@ class Unwanted(Busy):
     result = "unwanted"
 
 
-class PathUnavailable(RequestError):
-    """The request was not sent: the unit cannot be reached."""
+class LineDown(RequestError):
+    """The request was not sent: the port or upstream of the unit is down."""
 
     code = ExceptionCode.GATEWAY_PATH_UNAVAILABLE
-
-
-class NoRoute(PathUnavailable):
-    """The unit is not configured."""
-
-    result = "no_route"
-
-
-class OnlyHeard(PathUnavailable):
-    """The unit is on a line where others ask, and the gateway only listens."""
-
-    result = "only_heard"
-
-
-class LineDown(PathUnavailable):
-    """The port or upstream of the unit is down."""
-
     result = "line_down"
 
 
-class TargetFailedToRespond(RequestError):
+class NoResponse(RequestError):
     """The request was sent and no valid response came; the device may have acted."""
 
     code = ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND
 
 
-class ResponseTimeout(TargetFailedToRespond):
+class ResponseTimeout(NoResponse):
     """Nothing was received within the time limit."""
 
     result = "timeout"
 
 
-class BrokenResponse(TargetFailedToRespond):
+class BrokenResponse(NoResponse):
     """Something was received within the time limit, but no valid response to the request."""
 
     result = "bad_frame"
 
 
-class LineLost(TargetFailedToRespond):
+class LineLost(NoResponse):
     """The port was lost while the request was on the line."""
 
     result = "line_lost"
 
 
-class AnswerOverdue(TargetFailedToRespond):
+class AnswerOverdue(NoResponse):
     """Not sent: the response to an earlier request may still come, and could be taken for the response to this one."""
 
     result = "overdue"
 
 
-class UnitResting(TargetFailedToRespond):
+class UnitResting(NoResponse):
     """Not sent: the unit has failed too often and backs off."""
 
     result = "resting"
 
 
-class EchoSuspected(TargetFailedToRespond):
+class EchoSuspected(NoResponse):
     """Not sent: the adapter echoes, and a response that equals its request proves nothing."""
 
     result = "echo_suspected"
 
 
-class AmbiguousResponse(TargetFailedToRespond):
+class AmbiguousResponse(NoResponse):
     """Another client was heard on the line, so the response may be for it."""
 
     result = "ambiguous"
 
 
-class StaleValue(TargetFailedToRespond):
+class StaleValue(NoResponse):
     """Not sent: what was polled of `device` is stale, or is no value, and this is never returned."""
 
     result = "stale"

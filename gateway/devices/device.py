@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Final, Literal, Protocol
 
-from gateway.errors import IllegalDataValue, LineShared, RequestError
+from gateway.errors import IllegalValue, LineShared, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
 from gateway.lines.bits import BitsTransaction
 from gateway.lines.transaction import BroadcastTransaction, Destination, Transaction
@@ -201,14 +201,14 @@ class EveryDevice(Destination):
         """Parse a broadcast, and check that all devices of the line may get it.
 
         Raises:
-            IllegalDataValue: it touches a guarded point of one of them.
+            IllegalValue: it touches a guarded point of one of them.
         """
         asked = parse_request(pdu)
         for device in self.devices:
             guards = device.settings.profile.guards
             guard = next(guards.touched(asked.write), None) if asked.write is not None else None
             if guard is not None:
-                raise IllegalDataValue(f"{device.name}: {guard.point.rule}, and a broadcast cannot be answered")
+                raise IllegalValue(f"{device.name}: {guard.point.rule}, and a broadcast cannot be answered")
         return asked
 
     def refuse(self, request: Request, error: RequestError, now: float) -> None:

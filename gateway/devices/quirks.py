@@ -16,7 +16,7 @@ from typing import Final, Literal, Protocol, cast
 from gateway.devices.addresses import Remember, UnitAddresses, Whereabouts
 from gateway.devices.device import Device, DeviceSettings, EveryDevice, TakesTransactions
 from gateway.devices.moved import how_to_forget, show_addresses
-from gateway.errors import IllegalDataValue, PathUnavailable
+from gateway.errors import ExceptionCode, IllegalValue, Refused
 from gateway.events import AddressMoved, AddressRemembered, BaudChanged, Emit
 from gateway.lines.breaker import FAILURES
 from gateway.lines.transaction import Transaction
@@ -83,7 +83,7 @@ class AddressChange(Transaction):
         """Start the request, and reserve the new address; see Transaction.
 
         Raises:
-            IllegalDataValue: the new address is invalid, or another device of the line may have it.
+            IllegalValue: the new address is invalid, or another device of the line may have it.
         """
         device = cast("MovableDevice", self.device)
         device.check_move(self)
@@ -152,13 +152,13 @@ class MovableDevice(Device):
         """Check the new address of a change.
 
         Raises:
-            IllegalDataValue: it is invalid, or another device of the line may have it.
+            IllegalValue: it is invalid, or another device of the line may have it.
         """
         error = None
         if change.new_unit not in _UNITS:
-            error = IllegalDataValue(f"{change.new_unit} is no address: 1 to 247 are")
+            error = IllegalValue(f"{change.new_unit} is no address: 1 to 247 are")
         elif not self.address.is_free(change.new_unit):
-            error = IllegalDataValue(f"another device of the line has, or may have, the address {change.new_unit}")
+            error = IllegalValue(f"another device of the line has, or may have, the address {change.new_unit}")
         if error is not None:
             self.report_rejection(change.requests[0], error)
             raise error
@@ -174,13 +174,16 @@ class MovableDevice(Device):
 
     def _transaction(self, request: Request, asked: RequestPdu) -> Transaction:
         if not self.address.units:
-            raise PathUnavailable("another device may be at its address: see address_remembered at the start")
+            raise Refused(
+                "another device may be at its address: see address_remembered at the start",
+                ExceptionCode.GATEWAY_PATH_UNAVAILABLE,
+            )
         quirk = changes(asked, self.settings.profile.quirks)
         if quirk is None:
             return super()._transaction(request, asked)
         registers, span = _REGISTERS[quirk], cast("Span", asked.write)
         if not (asked.values and span.start <= registers.start and registers.stop <= span.end):
-            raise IllegalDataValue("its address and its rate can only be written with all of their registers")
+            raise IllegalValue("its address and its rate can only be written with all of their registers")
         return AddressChange(request, asked, self) if quirk == "moves" else BaudChange(request, asked, self)
 
     def _failed(self, transaction: Transaction) -> None:
@@ -237,7 +240,7 @@ class EveryQuirkyDevice(EveryDevice):
         """Check a broadcast, also that it writes no address and no rate. See EveryDevice."""
         asked = super().check(pdu)
         if changes(asked, self._quirks) is not None:
-            raise IllegalDataValue(f"all devices of {self.line_name} would have the same address, or another rate")
+            raise IllegalValue(f"all devices of {self.line_name} would have the same address, or another rate")
         return asked
 
 

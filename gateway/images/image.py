@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
-from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
+from gateway.errors import IllegalAddress, IllegalFunction, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
 from gateway.images.last_writes import LastWrites
 from gateway.images.services import PRODUCT, Diagnostics, Identity
@@ -142,7 +142,7 @@ class Image:
     def _check_places(self, asked: RequestPdu) -> RequestPdu:
         for span in (asked.read, asked.write):
             if span is not None and not self.tables[span.area].has(span):
-                raise IllegalDataAddress(f"{self.settings.name} has no {span.area} {span.addresses}")
+                raise IllegalAddress(f"{self.settings.name} has no {span.area} {span.addresses}")
         return asked
 
     def __repr__(self) -> str:

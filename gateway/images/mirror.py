@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple, cast
 
-from gateway.errors import IllegalDataAddress, StaleValue
+from gateway.errors import IllegalAddress, StaleValue
 from gateway.events import Emit
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
 from gateway.images.polled_range import Part
@@ -124,7 +124,7 @@ class Mirror(OrderedUnit):
         asked = self.settings.profile.check(pdu)
         span = cast("Span", asked.read)
         if not self._tables[span.area].has(span) or self.settings.profile.has_wide(span):
-            raise IllegalDataAddress(f"{self.settings.name} does not poll all of {span.area} {span.addresses}")
+            raise IllegalAddress(f"{self.settings.name} does not poll all of {span.area} {span.addresses}")
         if len(self._reads) >= MOST_READS:
             self._reads.clear()
         touched = tuple(part for part in self.parts if part.span.touches(span))

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from gateway.errors import RequestError, ServerDeviceFailure, StaleValue
+from gateway.errors import DeviceFailure, RequestError, StaleValue
 from gateway.events import Emit, RequestRefused
 from gateway.images.last_writes import LastWrites
 from gateway.images.polled_range import Part, PollCounts
@@ -94,7 +94,7 @@ class OrderedUnit(ABC):
         if row is not None and request in row.waiting:  # behind the one that met it
             row.waiting.remove(request)
         if not request.is_over:
-            request.fail(ServerDeviceFailure())
+            request.fail(DeviceFailure())
 
     def wrote(self, request: Request, polls: Supply, sent: Request, response: bytes | None, now: float) -> None:
         """Note that `sent`, which was passed on for `request`, may have changed values of the device."""
@@ -171,7 +171,7 @@ class OrderedUnit(ABC):
             return True
         except BaseException:
             if client.waiting and client.waiting[0] is request:  # else it was passed on
-                client.take().fail(ServerDeviceFailure())
+                client.take().fail(DeviceFailure())
             raise
         if response is None:
             return not client.waiting or client.waiting[0] is not request
@@ -189,7 +189,7 @@ class OrderedUnit(ABC):
             device.submit(sent, now)
         except BaseException:
             if not sent.is_over:
-                sent.fail(ServerDeviceFailure())
+                sent.fail(DeviceFailure())
             raise
 
     def _derived(self, request: Request, pdu: bytes, polls: Supply | None, now: float) -> Request:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple, Protocol
 
-from gateway.errors import RequestError, ServerDeviceFailure
+from gateway.errors import DeviceFailure, RequestError
 from gateway.events import Emit, discard_event
 from gateway.images.image import Image, ImageSettings
 from gateway.images.tables import make_tables
@@ -100,7 +100,7 @@ class PersistentImage(Image):
         try:
             asked = self._check(request)
             if not self.has_started:
-                raise ServerDeviceFailure(f"{self.settings.name}: what was saved cannot be read")
+                raise DeviceFailure(f"{self.settings.name}: what was saved cannot be read")
             if asked.write is not None:
                 self._write(request, asked.write, partial(self._perform, asked))
                 return
@@ -144,7 +144,7 @@ class PersistentImage(Image):
         self._take_over()
         for waiting in undone:
             if isinstance(waiting, _Write):
-                waiting.outcome = ServerDeviceFailure(f"{self.settings.name}: the write could not be saved")
+                waiting.outcome = DeviceFailure(f"{self.settings.name}: the write could not be saved")
                 self._finish(waiting.request, waiting.outcome)
             else:
                 self._act(waiting.request)

@@ -24,11 +24,11 @@ from typing import Final, Protocol
 
 from gateway.errors import (
     Busy,
-    IllegalDataAddress,
-    IllegalDataValue,
-    PathUnavailable,
-    ServerDeviceFailure,
-    TargetFailedToRespond,
+    DeviceFailure,
+    IllegalAddress,
+    IllegalValue,
+    LineDown,
+    NoResponse,
 )
 from gateway.events import Emit, PollRefused
 from gateway.images.polled_range import Part, PolledRange
@@ -43,9 +43,9 @@ from gateway.registers.items import items_read
 from gateway.request import Origin, Request
 
 #: Exceptions that refuse a range as a whole: address, quantity, and 04, which some devices send instead.
-_REFUSALS: Final = frozenset({IllegalDataAddress.code, IllegalDataValue.code, ServerDeviceFailure.code})
+_REFUSALS: Final = frozenset({IllegalAddress.code, IllegalValue.code, DeviceFailure.code})
 #: Exceptions of a gateway that does not reach the unit, or gets no answer from it.
-_NO_ANSWER: Final = frozenset({PathUnavailable.code, TargetFailedToRespond.code})
+_NO_ANSWER: Final = frozenset({LineDown.code, NoResponse.code})
 #: The pause before repeating a poll that was not sent, or that the device is too busy for, in seconds.
 UNSENT_PAUSE: Final = 0.25
 #: The longest pause before repeating a poll while the line is down, in seconds.
@@ -203,7 +203,7 @@ class DevicePolls(Supply):
             self._target.submit(request, now, yields=True)
         except BaseException:
             if not request.is_over:
-                request.fail(ServerDeviceFailure())
+                request.fail(DeviceFailure())
             raise
 
     def _wait_no_longer(self, polled: PolledRange, now: float) -> None:
@@ -254,7 +254,7 @@ class DevicePolls(Supply):
         has_answered = response is not None and (code not in _NO_ANSWER or self.unit.many_sources)
         answers = None if isinstance(poll.error, Busy) else has_answered
         polled.missed(now, answers=answers, was_sent=True)
-        if code == PathUnavailable.code:
+        if code == LineDown.code:
             self._plan(polled, now + max(UNSENT_PAUSE, min(polled.poll.every, DOWN_PAUSE)))
         elif not answers or code == Busy.code:
             self._plan(polled, max(now + UNSENT_PAUSE, min(polled.due_at, now + RETRY)))

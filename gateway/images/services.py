@@ -10,7 +10,7 @@ from struct import Struct
 from typing import Final
 
 from gateway import __version__
-from gateway.errors import ExceptionCode, IllegalDataAddress, IllegalFunction
+from gateway.errors import IllegalAddress, IllegalFunction
 from gateway.modbus.codes import (
     BROADCAST_UNIT,
     CLEAR_COUNTERS,
@@ -76,7 +76,7 @@ class Diagnostics:
         self._events += request.pdu[0] not in _NO_EVENTS
         self._log.appendleft(_PROCESSED)
 
-    def refused(self, request: Request, code: ExceptionCode) -> None:
+    def refused(self, request: Request, code: int) -> None:
         """Note that the request gets an exception; as a broadcast it gets none."""
         if request.unit == BROADCAST_UNIT:
             self._log.appendleft(_PROCESSED)
@@ -89,7 +89,7 @@ class Diagnostics:
 
         Raises:
             IllegalFunction: it is another sub-function.
-            IllegalDataValue: the data is not 0000.
+            IllegalValue: the data is not 0000.
         """
         asked = int.from_bytes(pdu[1:3], "big")
         if asked == RETURN_QUERY_DATA:
@@ -162,7 +162,7 @@ class Identity:
 
         Raises:
             IllegalFunction: the type is not 14.
-            IllegalDataAddress: there is no such single object.
+            IllegalAddress: there is no such single object.
         """
         if pdu[1] != DEVICE_IDENTIFICATION:
             raise IllegalFunction(f"an image has no type {pdu[1]} of function 43")
@@ -170,7 +170,7 @@ class Identity:
         if code != ONE_OBJECT:
             return self._stream(pdu, self._asked(code, first))
         if first not in self._objects:
-            raise IllegalDataAddress(f"an image has no object {first}")
+            raise IllegalAddress(f"an image has no object {first}")
         return self._stream(pdu, [first])
 
     def _asked(self, code: int, first: int) -> list[int]:

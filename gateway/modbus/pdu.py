@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.errors import IllegalDataValue, IllegalFunction, RequestError
+from gateway.errors import IllegalFunction, IllegalValue, RequestError
 from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
 from gateway.modbus.functions import ALL, ANY_COIL, WIDE, Function, Items, request_size, response_size, row_of
 from gateway.modbus.shapes import need
@@ -112,8 +112,8 @@ def parse_request(pdu: bytes) -> RequestPdu:
 
     Raises:
         IllegalFunction: the function code is 0 or above 127.
-        IllegalDataValue: length, quantity, byte count or the value of a coil violates the specification (A 6).
-        IllegalDataAddress: a file record has another reference type than 6.
+        IllegalValue: length, quantity, byte count or the value of a coil violates the specification (A 6).
+        IllegalAddress: a file record has another reference type than 6.
     """
     asked = _parsed.get(pdu)
     if asked is None:
@@ -134,7 +134,7 @@ def parse_sent(pdu: bytes) -> RequestPdu:
         return _parse(pdu, ANY_COIL)
     try:
         return parse_request(pdu)
-    except IllegalDataValue:
+    except IllegalValue:
         if pdu[0] != FunctionCode.WRITE_MULTIPLE_REGISTERS:
             raise
         return parse_wide(pdu)
@@ -144,7 +144,7 @@ def parse_wide(pdu: bytes) -> RequestPdu:
     """Parse a request PDU of function 03, 04 or 16 for registers of four bytes.
 
     Raises:
-        IllegalDataValue: length, quantity or byte count are not those of such registers.
+        IllegalValue: length, quantity or byte count are not those of such registers.
     """
     return _parse(pdu, WIDE[pdu[0]])
 

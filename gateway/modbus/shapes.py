@@ -5,7 +5,7 @@ Also the sizes of file records, functions 20 and 21: a request may name several,
 
 from typing import Final
 
-from gateway.errors import IllegalDataAddress, IllegalDataValue, RequestError
+from gateway.errors import IllegalAddress, IllegalValue, RequestError
 from gateway.modbus.codes import MAX_PDU, FunctionCode
 
 #: Bytes before a record's registers: reference type (only 6 is defined), file, record, number of registers.
@@ -73,7 +73,7 @@ def any_size(least: int) -> Shape:
     return Shape(least, range(least, MAX_PDU + 1), f"the length must be {least} to {MAX_PDU} bytes", longest=0)
 
 
-def need(fits: bool, pdu: bytes, rule: str, error: type[RequestError] = IllegalDataValue) -> None:  # noqa: FBT001
+def need(fits: bool, pdu: bytes, rule: str, error: type[RequestError] = IllegalValue) -> None:  # noqa: FBT001
     """Raise `error` with the rule and the bytes of `pdu`, unless `fits`."""
     if not fits:
         raise error(f"function {pdu[0]:02d}: {rule}: {pdu.hex(' ').upper()}")
@@ -83,8 +83,8 @@ def record_registers(pdu: bytes) -> list[int]:
     """Count the registers of each record in a request.
 
     Raises:
-        IllegalDataValue: the byte count does not match the records.
-        IllegalDataAddress: a record has another reference type than 6.
+        IllegalValue: the byte count does not match the records.
+        IllegalAddress: a record has another reference type than 6.
     """
     counts, types, at = [], set(), 2
     while at < len(pdu):
@@ -92,7 +92,7 @@ def record_registers(pdu: bytes) -> list[int]:
         counts.append(int.from_bytes(pdu[at + 5 : at + _RECORD_HEAD], "big"))
         at += _RECORD_HEAD + (2 * counts[-1] if pdu[0] == FunctionCode.WRITE_FILE_RECORD else 0)
     need(at == len(pdu), pdu, "the byte count must be that of the records")
-    need(types == {_REFERENCE_TYPE}, pdu, f"the reference type must be {_REFERENCE_TYPE}", IllegalDataAddress)
+    need(types == {_REFERENCE_TYPE}, pdu, f"the reference type must be {_REFERENCE_TYPE}", IllegalAddress)
     return counts
 
 

@@ -12,7 +12,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Final
 
-from gateway.errors import IllegalDataValue
+from gateway.errors import IllegalValue
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import ADDRESSES, RequestPdu, Span
 from gateway.profiles.point import Point
@@ -46,11 +46,11 @@ class Guard:
         """Check a write to `span`, which touches it.
 
         Raises:
-            IllegalDataValue: it does not write the whole point, or no value within the limits.
+            IllegalValue: it does not write the whole point, or no value within the limits.
         """
         items = asked.row.writes
         if asked.function == FunctionCode.MASK_WRITE_REGISTER or items is None:
-            raise IllegalDataValue(f"{self.point.rule}, and function {asked.function} does not tell what it becomes")
+            raise IllegalValue(f"{self.point.rule}, and function {asked.function} does not tell what it becomes")
         if not span.has(self.place):
             raise self._of_a_part()
         start, size = items.width * (self.place.start - span.start), items.width * self.place.count
@@ -75,16 +75,16 @@ class Guard:
         behind = point.count - self.at - self.place.count
         number = point.carried(bytes(self.at * point.width) + items + bytes(behind * point.width))
         if number is None or isinstance(number, str):
-            raise IllegalDataValue(f"{point.rule}, and this is no value")
+            raise IllegalValue(f"{point.rule}, and this is no value")
         least, greatest = _numbers_within(point.minimum, point.maximum, point.scale, point.offset)
         exact = number if isinstance(number, int) else _exact(number)
         if (least is not None and exact < least) or (greatest is not None and exact > greatest):
             value = _exact(number) * _exact(point.scale) + _exact(point.offset)
-            raise IllegalDataValue(f"{point.rule}, not {_shown(value)}")
+            raise IllegalValue(f"{point.rule}, not {_shown(value)}")
 
-    def _of_a_part(self) -> IllegalDataValue:
+    def _of_a_part(self) -> IllegalValue:
         what = f"{self.place.area} {self.place.addresses}"
-        return IllegalDataValue(f"{self.point.rule}: one write must set all of {what}")
+        return IllegalValue(f"{self.point.rule}: one write must set all of {what}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ class Guards:
         """Check what a request writes.
 
         Raises:
-            IllegalDataValue: a guard that it touches does not hold.
+            IllegalValue: a guard that it touches does not hold.
         """
         if asked.write is not None:
             for guard in self.touched(asked.write):
@@ -122,7 +122,7 @@ class Guards:
         """Check a write to bits of the register at `span`, as far as is known before it is read.
 
         Raises:
-            IllegalDataValue: a guard that it touches does not hold.
+            IllegalValue: a guard that it touches does not hold.
         """
         for guard in self.touched(span):
             guard.check_bits(mask, bits)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 
-from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction
+from gateway.errors import IllegalAddress, IllegalFunction, IllegalValue
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import BROADCAST_FUNCTIONS, WIDE
 from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent, parse_wide, spans_of
@@ -61,20 +61,20 @@ class Profile:
 
         Raises:
             IllegalFunction: the device does not know the function.
-            IllegalDataValue: the structure is wrong, or there are more items than the device allows.
-            IllegalDataAddress: an address does not exist.
+            IllegalValue: the structure is wrong, or there are more items than the device allows.
+            IllegalAddress: an address does not exist.
         """
         if not self.knows(pdu[0]):
             raise IllegalFunction(f"profile {self.name} has no function {pdu[0]}")
         try:
             asked = parse_wide(pdu) if self.wide and self._is_for_wide(pdu) else parse_request(pdu)
-        except IllegalDataValue:
+        except IllegalValue:
             if not self.any_coil or pdu[0] != FunctionCode.WRITE_SINGLE_COIL:
                 raise
             asked = parse_sent(pdu)
         limit = self.limits.get(asked.function)
         if limit is not None and asked.items > limit:
-            raise IllegalDataValue(f"profile {self.name} allows {limit} items of function {asked.function}")
+            raise IllegalValue(f"profile {self.name} allows {limit} items of function {asked.function}")
         if self.areas:
             self._check_addresses(asked)
         return asked
@@ -118,7 +118,7 @@ class Profile:
 
         Raises:
             IllegalFunction: another function does not know such registers.
-            IllegalDataAddress: only some of the registers have four bytes.
+            IllegalAddress: only some of the registers have four bytes.
         """
         span = next((span for span in spans_of(pdu) if self.has_wide(span)), None)
         if span is None:
@@ -126,13 +126,13 @@ class Profile:
         if pdu[0] not in WIDE:
             raise IllegalFunction(f"function {pdu[0]} is not for registers of four bytes such as {span.addresses}")
         if not covers(self.wide[span.area], span):
-            raise IllegalDataAddress(f"only some of {span.area} {span.addresses} have four bytes")
+            raise IllegalAddress(f"only some of {span.area} {span.addresses} have four bytes")
         return True
 
     def _check_addresses(self, asked: RequestPdu) -> None:
         for span in (asked.read, asked.write):
             if span is not None and not covers(self.areas.get(span.area), span):
-                raise IllegalDataAddress(f"profile {self.name} has no {span.area} {span.addresses}")
+                raise IllegalAddress(f"profile {self.name} has no {span.area} {span.addresses}")
 
 
 class GuardedProfile(Profile):
@@ -144,7 +144,7 @@ class GuardedProfile(Profile):
         """Parse and check `pdu`, and what it writes.
 
         Raises:
-            RequestError: as `Profile.check`; IllegalDataValue if a guard does not hold.
+            RequestError: as `Profile.check`; IllegalValue if a guard does not hold.
         """
         asked = Profile.check(self, pdu)
         if asked.write is not None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import ClassVar, Literal, NamedTuple
 
-from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
+from gateway.errors import IllegalAddress, IllegalFunction, RequestError
 from gateway.images.tables import Values, make_tables, perform
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.modbus.frame import Frame
@@ -109,7 +109,7 @@ class Device:
             raise IllegalFunction(f"no device has function {pdu[0]}")
         asked = self.profile.check(pdu)
         if not self.has(asked):
-            raise IllegalDataAddress(f"{self!r} does not have all of {asked!r}")
+            raise IllegalAddress(f"{self!r} does not have all of {asked!r}")
         return asked
 
     def __repr__(self) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from struct import pack
 from typing import Final
 
-from gateway.errors import IllegalDataAddress
+from gateway.errors import IllegalAddress
 from gateway.modbus.codes import ONE_OBJECT, Area
 from gateway.modbus.functions import READING_IDENTIFICATION
 from gateway.modbus.pdu import parse_request
@@ -41,7 +41,7 @@ def identification(pdu: bytes, known: Mapping[int, bytes]) -> bytes:
     code, first = pdu[2], pdu[3]
     if code == ONE_OBJECT:
         if first not in known:
-            raise IllegalDataAddress(f"there is no object {first}")
+            raise IllegalAddress(f"there is no object {first}")
         asked = {first: known[first]}
     else:
         last = _LAST_BASIC if code == _BASIC else max(known)

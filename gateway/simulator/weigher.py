@@ -18,7 +18,7 @@ from math import sin
 from struct import Struct
 from typing import Final
 
-from gateway.errors import IllegalDataValue
+from gateway.errors import IllegalValue
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT, Area, FunctionCode
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
@@ -119,24 +119,24 @@ class Weigher(Device):
     def _obey(self, address: int, data: bytes, now: float) -> None:
         command, size = _COMMANDS.get(address, (None, 0))
         if command is None or len(data) != size:
-            raise IllegalDataValue("the second word of a rate cannot be set without the first, nor that alone")
+            raise IllegalValue("the second word of a rate cannot be set without the first, nor that alone")
         command(self, data, now)
 
     def _set_address(self, data: bytes, now: float) -> None:  # noqa: ARG002 - a command
         address = int.from_bytes(data)
         if not FIRST_UNIT <= address <= LAST_UNIT:
-            raise IllegalDataValue(f"{address} is not a valid address")
+            raise IllegalValue(f"{address} is not a valid address")
         self.unit = address
 
     def _set_baud(self, data: bytes, now: float) -> None:  # noqa: ARG002 - a command
         (baud,) = _FLOAT.unpack(data)
         if baud not in BAUDS:
-            raise IllegalDataValue(f"{baud} is not a rate of a weigher")
+            raise IllegalValue(f"{baud} is not a rate of a weigher")
         self.baud = int(baud)
 
     def _take_zero(self, data: bytes, now: float) -> None:
         if int.from_bytes(data) != ZERO_KEY:
-            raise IllegalDataValue(f"{data.hex()} does not take the zero")
+            raise IllegalValue(f"{data.hex()} does not take the zero")
         self._zero = self._present(now)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.errors import Busy, NoRoute, RequestError, ServerDeviceFailure
+from gateway.errors import Busy, DeviceFailure, NoRoute, RequestError
 from gateway.images.persistent import PersistentImage
 from gateway.images.services import Diagnostics
 from gateway.request import Request
@@ -39,7 +39,7 @@ def test_a_broadcast_in_the_log():
 
 @pytest.mark.parametrize(
     ("error", "byte"),
-    [(ServerDeviceFailure(), "42"), (Busy(), "44"), (NoRoute(), "40")],
+    [(DeviceFailure(), "42"), (Busy(), "44"), (NoRoute(), "40")],
 )
 def test_the_log_tells_kinds_of_exceptions(error: RequestError, byte: str):
     diagnostics = Diagnostics()

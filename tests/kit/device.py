@@ -12,7 +12,7 @@ from collections.abc import Callable
 from struct import pack
 from typing import Literal, NamedTuple
 
-from gateway.errors import IllegalDataAddress, IllegalFunction, RequestError
+from gateway.errors import IllegalAddress, IllegalFunction, RequestError
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.codes import Area
@@ -41,7 +41,7 @@ class SimulatedDevice:
         self.silent = False
         self.refuses: dict[int, int] = {}
         self.absent: set[tuple[Area, int]] = set()
-        self.code_of_absent = IllegalDataAddress.code
+        self.code_of_absent = IllegalAddress.code
         self.script: deque[list[Answer]] = deque()
         self.heard: list[Frame] = []
         self.answers_unit_0 = False

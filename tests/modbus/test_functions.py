@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.errors import IllegalDataValue
+from gateway.errors import IllegalValue
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import (
     BROADCAST_FUNCTIONS,
@@ -263,7 +263,7 @@ def check_that_only_a_response_of_that_size_is_accepted(known: Known, exchange: 
 
 def check_that_a_request_of_another_size_is_refused(exchange: Exchange) -> None:
     for pdu in filter(None, (exchange.request[:-1], exchange.request + b"\0")):
-        with pytest.raises(IllegalDataValue):
+        with pytest.raises(IllegalValue):
             parse_request(pdu)
 
 

@@ -48,7 +48,7 @@ def test_a_malformed_request_is_refused(pdu, error):
 
 
 def test_a_refusal_shows_the_rule_and_the_bytes():
-    with pytest.raises(errors.IllegalDataValue, match=r"^function 03: the quantity must be 1 to 125: 03 00 00 00 7E$"):
+    with pytest.raises(errors.IllegalValue, match=r"^function 03: the quantity must be 1 to 125: 03 00 00 00 7E$"):
         parse_request(bytes.fromhex("03 00 00 00 7E"))
 
 
@@ -63,7 +63,7 @@ def test_a_refusal_shows_the_rule_and_the_bytes():
     ],
 )
 def test_a_refusal_says_which_lengths_there_are(pdu, rule):
-    with pytest.raises(errors.IllegalDataValue) as refused:
+    with pytest.raises(errors.IllegalValue) as refused:
         parse_request(bytes.fromhex(pdu))
     assert f": {rule}: " in str(refused.value)
 
@@ -101,7 +101,7 @@ def test_an_unknown_function_passes_unchecked(function):
 
 def test_a_request_longer_than_a_pdu_is_refused():
     parse_request(b"\x41" + bytes(252))
-    with pytest.raises(errors.IllegalDataValue):
+    with pytest.raises(errors.IllegalValue):
         parse_request(b"\x41" + bytes(253))
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.errors import IllegalDataAddress, IllegalDataValue
+from gateway.errors import IllegalAddress, IllegalValue
 from gateway.modbus.functions import FUNCTIONS, TABLE_FUNCTIONS, response_size
 from gateway.modbus.pdu import parse_request
 from kit.vectors import exchanges, meaning
@@ -119,7 +119,7 @@ def test_an_answer_has_the_size_that_was_foretold(pdu, data):
 def test_any_request_is_refused_or_its_response_is_foretold(function, data):
     try:
         request = parse_request(bytes((function,)) + data)
-    except (IllegalDataAddress, IllegalDataValue):
+    except (IllegalAddress, IllegalValue):
         return
     assert request.response_head[0] == function
     assert max(request.longest_response, len(request.response_head)) <= 253

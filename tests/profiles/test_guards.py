@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.errors import IllegalDataValue, RequestError
+from gateway.errors import IllegalValue, RequestError
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
@@ -57,7 +57,7 @@ def test_what_a_write_to_a_guarded_point_gets(pdu: str, why: str | None) -> None
     if why is None:
         DRIVE.check(bytes.fromhex(pdu))
     else:
-        with pytest.raises(IllegalDataValue) as caught:
+        with pytest.raises(IllegalValue) as caught:
             DRIVE.check(bytes.fromhex(pdu))
         assert str(caught.value) == why
 
@@ -187,7 +187,7 @@ def profile_with(points: list[Point]) -> Profile:
 def passes(profile: Profile, pdu: bytes) -> bool:
     try:
         profile.check(pdu)
-    except IllegalDataValue:
+    except IllegalValue:
         return False
     return True
 
@@ -215,7 +215,7 @@ def test_a_write_of_bits_in_one_turn_leaves_each_guarded_point_whole_and_within(
     try:
         profile.check_in_one_turn(pdu, 6)
         is_written = passes(profile, after)
-    except IllegalDataValue:
+    except IllegalValue:
         is_written = False
     mask = int.from_bytes(and_mask, "big") ^ 0xFFFF
     in_parts = any(mask & own not in (0, own) for point in points for own in [bits_at(point, at)] if is_limited(point))
@@ -233,7 +233,7 @@ def test_what_the_bits_of_a_turn_cannot_change_is_refused_before_the_read(
     profile = profile_with(points)
     try:
         profile.check_in_one_turn(pdu, 6)
-    except IllegalDataValue:
+    except IllegalValue:
         at, mask = int.from_bytes(pdu[1:3], "big"), int.from_bytes(pdu[3:5], "big") ^ 0xFFFF
         in_parts = any(mask & own not in (0, own) for each in points for own in [bits_at(each, at)] if is_limited(each))
         assert in_parts or not any(passes(profile, write_after(pdu, before, 6)) for before in range(0, 65536, 257))

@@ -1,6 +1,6 @@
 import pytest
 
-from gateway.errors import IllegalDataAddress, IllegalDataValue, IllegalFunction, RequestError
+from gateway.errors import IllegalAddress, IllegalFunction, IllegalValue, RequestError
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span, parse_request
 from gateway.profiles.profile import Profile, covers
@@ -33,12 +33,12 @@ def test_what_the_device_accepts_is_parsed(pdu):
     [
         pytest.param("06 00 01 00 00", IllegalFunction, id="a function it does not have"),
         pytest.param("41", IllegalFunction, id="an unknown function it does not have"),
-        pytest.param("03 00 01 00 64", IllegalDataValue, id="more registers than it allows"),
-        pytest.param("03 00 00 00 01", IllegalDataAddress, id="register 0"),
-        pytest.param("03 00 63 00 02", IllegalDataAddress, id="beyond the last register"),
-        pytest.param("10 00 00 00 01 02 00 00", IllegalDataAddress, id="write register 0"),
-        pytest.param("17 00 01 00 01 00 64 00 01 02 00 00", IllegalDataAddress, id="write behind a good read"),
-        pytest.param("17 00 64 00 01 00 01 00 01 02 00 00", IllegalDataAddress, id="read before a good write"),
+        pytest.param("03 00 01 00 64", IllegalValue, id="more registers than it allows"),
+        pytest.param("03 00 00 00 01", IllegalAddress, id="register 0"),
+        pytest.param("03 00 63 00 02", IllegalAddress, id="beyond the last register"),
+        pytest.param("10 00 00 00 01 02 00 00", IllegalAddress, id="write register 0"),
+        pytest.param("17 00 01 00 01 00 64 00 01 02 00 00", IllegalAddress, id="write behind a good read"),
+        pytest.param("17 00 64 00 01 00 01 00 01 02 00 00", IllegalAddress, id="read before a good write"),
     ],
 )
 def test_what_the_device_does_not_accept_is_refused(pdu, error):
@@ -50,8 +50,8 @@ def test_what_the_device_does_not_accept_is_refused(pdu, error):
     ("pdu", "error"),
     [
         pytest.param("06 00 00 00", IllegalFunction, id="function before length"),
-        pytest.param("03 00 00 00 64", IllegalDataValue, id="quantity before address"),
-        pytest.param("03 00 00 00", IllegalDataValue, id="length before address"),
+        pytest.param("03 00 00 00 64", IllegalValue, id="quantity before address"),
+        pytest.param("03 00 00 00", IllegalValue, id="length before address"),
     ],
 )
 def test_the_order_of_checks_is_function_structure_address(pdu, error):
@@ -83,7 +83,7 @@ def test_with_any_coil_function_05_may_have_any_value_and_is_confirmed_with_it(v
 
 @pytest.mark.parametrize("pdu", ["05 0102 55", "05 0102 5500 00", "0F 0001 0008 02 00", "06 0001"])
 def test_with_any_coil_all_else_is_checked(pdu):
-    with pytest.raises(IllegalDataValue):
+    with pytest.raises(IllegalValue):
         Profile("relays", any_coil=True).check(bytes.fromhex(pdu))
 
 
@@ -91,7 +91,7 @@ def test_with_any_coil_functions_and_addresses_are_checked():
     pdu = bytes.fromhex("05 0008 5500")
     with pytest.raises(IllegalFunction):
         Profile("relays", functions=frozenset({1}), any_coil=True).check(pdu)
-    with pytest.raises(IllegalDataAddress):
+    with pytest.raises(IllegalAddress):
         Profile("relays", areas={Area.COILS: ((0, 7),)}, any_coil=True).check(pdu)
 
 
@@ -103,9 +103,9 @@ def test_broadcasts_are_the_functions_that_can_be_broadcast_and_the_device_knows
 def test_a_refusal_names_the_profile_and_the_rule():
     with pytest.raises(IllegalFunction, match="profile mint has no function 6"):
         MINT.check(bytes.fromhex("06 00 01 00 00"))
-    with pytest.raises(IllegalDataValue, match="profile mint allows 99 items of function 3"):
+    with pytest.raises(IllegalValue, match="profile mint allows 99 items of function 3"):
         MINT.check(bytes.fromhex("03 00 01 00 64"))
-    with pytest.raises(IllegalDataAddress, match="profile mint has no holding 99-100"):
+    with pytest.raises(IllegalAddress, match="profile mint has no holding 99-100"):
         MINT.check(bytes.fromhex("03 00 63 00 02"))
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.errors import IllegalDataAddress, LineDown, RequestError, ResponseTimeout, Unwanted
+from gateway.errors import IllegalAddress, LineDown, RequestError, ResponseTimeout, Unwanted
 from gateway.events import Event, WriteAudit
 from gateway.request import Request
 from gateway.routing.broadcast import Broadcast, Recipient
@@ -90,7 +90,7 @@ def test_an_exception_of_the_unit(bench: Bench) -> None:
     ("error", "result", "code"),
     [
         (ResponseTimeout(), "timeout", "0B"),
-        (IllegalDataAddress(), "refused", "02"),
+        (IllegalAddress(), "refused", "02"),
         (Unwanted(), "unwanted", "06"),
     ],
 )

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, cast
 
-from gateway.errors import IllegalDataAddress, IllegalFunction, ServerDeviceFailure, StaleValue
+from gateway.errors import DeviceFailure, IllegalAddress, IllegalFunction, StaleValue
 from gateway.events import Emit
 from gateway.images.image import Image
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
@@ -125,7 +125,7 @@ class VirtualUnit(OrderedUnit):
             if read.is_own:
                 return read
             if read.has_own and not self.own.has_started:
-                raise ServerDeviceFailure(f"{self.name}: what was saved cannot be read")
+                raise DeviceFailure(f"{self.name}: what was saved cannot be read")
             if len(self._reads) >= MOST_READS:
                 self._reads.clear()
             self._reads[pdu] = read
@@ -171,9 +171,9 @@ class VirtualUnit(OrderedUnit):
             self._pass_to_own(request, client, now)
             return
         if len(touched.rows) + len(touched.others) > 1:
-            raise IllegalDataAddress(f"{span.area} {span.addresses} belong to several rows: write them one by one")
+            raise IllegalAddress(f"{span.area} {span.addresses} belong to several rows: write them one by one")
         if not touched.rows:
-            raise IllegalDataAddress(f"{span.area} {span.addresses} are computed: nobody writes them")
+            raise IllegalAddress(f"{span.area} {span.addresses} are computed: nobody writes them")
         piece = touched.rows[0]
         before = None if piece.since(now, self.settings.stale) is None else piece.items
         write = write_to(piece, asked, request.in_one_turn, before)
@@ -191,11 +191,11 @@ class VirtualUnit(OrderedUnit):
         """Check that all addresses of a request exist.
 
         Raises:
-            IllegalDataAddress: one of them does not.
+            IllegalAddress: one of them does not.
         """
         span = cast("Span", asked.read or asked.write)
         if not self.block.has(span):
-            raise IllegalDataAddress(f"{self.name} has no {span.area} {self.block.missing(span).addresses}")
+            raise IllegalAddress(f"{self.name} has no {span.area} {self.block.missing(span).addresses}")
         return asked
 
     def __repr__(self) -> str:

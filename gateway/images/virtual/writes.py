@@ -2,7 +2,7 @@
 
 from typing import cast
 
-from gateway.errors import DoesNotFit, IllegalDataAddress, IllegalDataValue, StaleValue
+from gateway.errors import DoesNotFit, IllegalAddress, IllegalValue, StaleValue
 from gateway.images.virtual.row import Row
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span
@@ -19,13 +19,13 @@ def write_to(row: Row, asked: RequestPdu, in_one_turn: int, before: bytes | None
     are the items of a value with a scale register, if they are fresh.
 
     Raises:
-        IllegalDataAddress: the row takes no writes.
-        IllegalDataValue: a value is not written as a whole, or does not fit. Its device guards its limits.
+        IllegalAddress: the row takes no writes.
+        IllegalValue: a value is not written as a whole, or does not fit. Its device guards its limits.
         StaleValue: a scale register is needed, and not known.
     """
     place, span = row.place, cast("Span", asked.write)
     if not row.mapped.write:
-        raise IllegalDataAddress(f"{place.area} {place.addresses} takes no writes: its row has no `write = true`")
+        raise IllegalAddress(f"{place.area} {place.addresses} takes no writes: its row has no `write = true`")
     if row.mapped.point is not None:
         return _write_of_value(row, row.mapped.point, asked, before)
     if in_one_turn and not row.source.profile.knows(in_one_turn):
@@ -37,19 +37,19 @@ def write_to(row: Row, asked: RequestPdu, in_one_turn: int, before: bytes | None
 def _write_of_value(row: Row, point: Point, asked: RequestPdu, before: bytes | None) -> Write:
     place, needs_scale = row.place, point.scale_at is not None
     if asked.write != place or asked.function == FunctionCode.MASK_WRITE_REGISTER:
-        raise IllegalDataValue(f"{place.area} {place.addresses} are one value: one write must set all of it")
+        raise IllegalValue(f"{place.area} {place.addresses} are one value: one write must set all of it")
     if needs_scale and before is None:
         raise StaleValue(f"the scale of {row.mapped.device} {point.name} is not known now", row.mapped.device)
     before = before if needs_scale else None
     own = None if row.back is None else row.back(_items(asked), before)
     if own is None:
-        raise IllegalDataValue(f"the value does not fit {row.mapped.device} {point.name}")
+        raise IllegalValue(f"the value does not fit {row.mapped.device} {point.name}")
     items = own if before is None else point.around(own, before)
     profile = row.source.profile
     try:
         return request_to_write([Reading(point, items, is_written=True)], profile.limits, profile.functions)
     except DoesNotFit as error:
-        raise IllegalDataValue(str(error)) from error
+        raise IllegalValue(str(error)) from error
 
 
 def _items(asked: RequestPdu) -> bytes:

@@ -4,8 +4,8 @@ import pytest
 
 from gateway.errors import (
     AccessDenied,
-    IllegalDataValue,
     IllegalFunction,
+    IllegalValue,
     LineDown,
     NoRoute,
     QueueFull,
@@ -693,7 +693,7 @@ def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit() -> None:
     client = Client(on_failure="silent")
     client.ask(1, 2, 3)
     client.target.requests[0].fail(AccessDenied())
-    client.target.requests[1].fail(IllegalDataValue())
+    client.target.requests[1].fail(IllegalValue())
     client.target.requests[2].respond(bytes.fromhex("8306"))
     said = [bytes.fromhex(pdu) for pdu in ("8301", "8303", "8306")]
     assert client.connection.sent == [encode(number, 7, pdu) for number, pdu in enumerate(said, 1)]

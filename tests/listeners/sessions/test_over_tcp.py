@@ -6,7 +6,7 @@ from itertools import combinations
 
 import pytest
 
-from gateway.errors import IllegalDataValue, QueueFull, ResponseTimeout
+from gateway.errors import IllegalValue, QueueFull, ResponseTimeout
 from gateway.listeners.sessions.arrivals import LOOK_STEP, SILENCE, TOGETHER
 from gateway.listeners.sessions.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSession
 from gateway.listeners.sessions.session import LONGEST_HOLD, SENDING_DEADLINE
@@ -1146,7 +1146,7 @@ def test_nothing_is_said_of_a_failure_and_the_next_request_is_answered(patient: 
 
 def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit(patient: Client) -> None:
     patient.ask(READ)
-    patient.target.requests[0].fail(IllegalDataValue())
+    patient.target.requests[0].fail(IllegalValue())
     patient.ask(READ)
     patient.respond(1, bytes.fromhex("83 0B"))
     assert patient.heard(bytes.fromhex("83 03"), bytes.fromhex("83 0B"))

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from gateway.errors import AccessDenied, IllegalDataValue, LineDown, QueueFull, RequestError, ResponseTimeout
+from gateway.errors import AccessDenied, IllegalValue, LineDown, QueueFull, RequestError, ResponseTimeout
 from gateway.listeners.sessions.peer import Path, Peer
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus.mbap import TcpFrame, encode
@@ -192,7 +192,7 @@ def test_a_refusal_is_said_and_so_is_an_exception_of_the_unit() -> None:
     client.ask(1)
     client.target.requests[0].fail(AccessDenied())
     client.ask(2)
-    client.target.requests[1].fail(IllegalDataValue())
+    client.target.requests[1].fail(IllegalValue())
     client.ask(3)
     client.respond(2, BUSY)
     assert client.sent == [
