@@ -44,13 +44,17 @@ GatewayError
 │   ├── Unready                  the gateway cannot do it now
 │   └── UnitFailed               the unit did not answer with what was asked for
 │       └── ExceptionReceived    it answered with an exception, or the gateway did so for it
+├── UnknownUnit                  the config has no unit with this number or name
 └── DaemonError                  the running gateway cannot be reached
 
 A request in progress is not ended by raising: `Request.fail` turns a RequestError into the exception response.
 """
 
 from enum import IntEnum
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    from gateway.config.problem import Problem
 
 
 class ExceptionCode(IntEnum):
@@ -272,7 +276,14 @@ class StateError(GatewayError):
 
 
 class ConfigError(GatewayError):
-    """A config could not be read, whatever it says; the message names the file and says why."""
+    """A config has `problems`, as `check` tells them; or it could not be read, whatever it says, and has none.
+
+    The message names the file and says why.
+    """
+
+    def __init__(self, message: str, problems: "tuple[Problem, ...]" = ()) -> None:
+        super().__init__(message)
+        self.problems = problems
 
 
 class UsersError(GatewayError):
@@ -324,6 +335,10 @@ class ExceptionReceived(UnitFailed):
         self.code = code
         self.result = result
         self.reason = reason
+
+
+class UnknownUnit(GatewayError):
+    """The config has no unit with this number or name; or the unit has no such point."""
 
 
 class DaemonError(GatewayError):

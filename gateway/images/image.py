@@ -23,7 +23,8 @@ class ImageSettings:
     """One image: the addresses that exist in each area, and the values they start with (area -> address -> values).
 
     `persist` says which values survive a restart: none, all but those of the last second, or every acknowledged write.
-    An image that `shows_gateway` has the state of the gateway as its values.
+    An image that `shows_gateway` has the state of the gateway as its values. One with `python` is a CustomUnit, written
+    there as `package:Name`, which may take `timeout` seconds for a request.
     """
 
     unit: int
@@ -33,6 +34,8 @@ class ImageSettings:
     initial: Mapping[Area, tuple[tuple[int, tuple[int, ...]], ...]] = field(default_factory=dict)
     persist: Literal["never", "interval", "always"] = "never"
     shows_gateway: bool = False
+    python: str = ""
+    timeout: float = 1.0
     source: str = field(default="", compare=False)
 
 

@@ -14,7 +14,7 @@ from gateway.timing.history import History
 K = TypeVar("K")
 
 #: Where an operation is asked for; [[access]] can have rules for each.
-Door = Literal["control", "web"]
+Door = Literal["control", "web", "embedded"]
 
 
 class Operator:
@@ -44,8 +44,8 @@ class Operator:
 
     def router(self, door: Door) -> Router:
         """Return the router for requests through this door."""
-        routers = self.running.routers
-        return routers.web if door == "web" else routers.control
+        router: Router = getattr(self.running.routers, door)
+        return router
 
     def kept(self, kind: type[K]) -> K:
         """Return what an operation keeps between requests, one object per `kind`; made on first use."""

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple, Self
 
-from gateway.config.values.reserved_names import CONTROL, WEB
+from gateway.config.values.reserved_names import CONTROL, EMBEDDED, WEB
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
 
@@ -18,8 +18,14 @@ class Routers(NamedTuple):
     control: Router
     #: Of requests over HTTP: all rights until a row names it. What a user may do is checked before.
     web: Router
+    #: Of the program that the gateway is a part of, and of units made in Python: all rights until a row names it.
+    embedded: Router
 
     @classmethod
     def without_routes(cls, router: MakeRouter) -> Self:
         """Make them; `Running.apply` gives them routes."""
-        return cls(router(EntryPoint(CONTROL, "local")), router(EntryPoint(WEB, "local")))
+        return cls(
+            router(EntryPoint(CONTROL, "local")),
+            router(EntryPoint(WEB, "local")),
+            router(EntryPoint(EMBEDDED, "local")),
+        )
