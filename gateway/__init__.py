@@ -7,6 +7,8 @@ See docs/library.md.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from gateway.version import __version__
+
 if TYPE_CHECKING:
     from gateway import events
     from gateway.config.problem import Problem
@@ -33,10 +35,6 @@ if TYPE_CHECKING:
     from gateway.library.reading import Reading
     from gateway.library.unit_client import UnitClient
     from gateway.modbus.codes import Area
-
-__version__ = "0.1.0"
-#: Where the documentation of the web page is.
-DOCUMENTATION = "https://modbus-gateway.example/source/blob/main/docs/web.md"
 
 __all__ = (  # noqa: RUF022 - as the reader meets them
     "Gateway",

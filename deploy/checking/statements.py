@@ -38,7 +38,7 @@ def check_provenance(findings: Findings, dist: Path, listed: dict[str, str]) -> 
 def check_tags(findings: Findings, tags: list[str]) -> None:
     """A tag of the commit names the version that was built: a release is fetched by its tag."""
     for tag in tags:
-        findings.expect(tag == f"v{version()}", f"the tag {tag}: gateway/__init__.py says {version()}")
+        findings.expect(tag == f"v{version()}", f"the tag {tag}: gateway/version.py says {version()}")
 
 
 def check_sbom(findings: Findings, dist: Path) -> None:

@@ -54,7 +54,7 @@ def files_of_tar(file: IO[bytes]) -> Iterator[tuple[str, bytes]]:
 
 def version(commit: str = "HEAD") -> str:
     """Its version."""
-    text = git("show", f"{commit}:gateway/__init__.py").decode()
+    text = git("show", f"{commit}:gateway/version.py").decode()
     return re.findall(r'^__version__ = "(.*)"$', text, re.MULTILINE)[0]
 
 

@@ -18,12 +18,12 @@ from keyword import iskeyword
 from pathlib import Path
 from typing import Any, Final
 
-from gateway import __version__
 from gateway.cli.kit.examples import examples_text
 from gateway.cli.kit.paint import red
 from gateway.cli.kit.terminal import COLOURS, no_control_characters
 from gateway.config.problem import did_you_mean
 from gateway.errors import GatewayError
+from gateway.version import __version__
 
 FINE: Final = 0
 PROBLEM_FOUND: Final = 1

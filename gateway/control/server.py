@@ -21,7 +21,6 @@ from contextlib import aclosing, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from gateway import __version__
 from gateway.clock.threads import ThreadPerCall
 from gateway.control.messages import END, answer_of, line_of
 from gateway.errors import WrongQuestion
@@ -33,6 +32,7 @@ from gateway.operator.operations import BY_NAME
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import read_parameters
 from gateway.operator.requests import AT_CONTROL
+from gateway.version import __version__
 
 #: Longest request, in bytes.
 LONGEST_REQUEST: Final = 64 * 1024

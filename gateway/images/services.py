@@ -9,7 +9,6 @@ from collections import deque
 from struct import Struct
 from typing import Final
 
-from gateway import __version__
 from gateway.errors import IllegalAddress, IllegalFunction
 from gateway.modbus.codes import (
     BROADCAST_UNIT,
@@ -25,6 +24,7 @@ from gateway.modbus.codes import (
 from gateway.modbus.functions import MOST_EVENTS
 from gateway.modbus.shapes import need
 from gateway.request import Request
+from gateway.version import __version__
 
 #: Sub-functions of counters. An image counts 0B and 0D to 0F; the others of 0B-12 are 0.
 BUS_MESSAGES: Final = 0x0B

@@ -5,7 +5,6 @@ import hashlib
 import platform
 from collections.abc import Iterator
 
-from gateway import __version__
 from gateway.clock.threads import ThreadPerCall
 from gateway.clock.times import rfc_3339
 from gateway.config.plan.settings import LinePlan, MonitorPlan, Plan, ServerPlan
@@ -22,6 +21,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.units import shown_unit
 from gateway.ports.port import SerialSettings
 from gateway.readconfig.expiry import certificates
+from gateway.version import __version__
 
 
 async def tell_inventory(operator: Operator, _asked: Nothing, _asker: Asker) -> Inventory:

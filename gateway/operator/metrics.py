@@ -9,7 +9,6 @@ from itertools import accumulate
 from operator import add, attrgetter
 from typing import Final
 
-from gateway import __version__
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
@@ -23,6 +22,7 @@ from gateway.runtime.gateway_upstream import GatewayUpstream
 from gateway.runtime.running import Running
 from gateway.timing.histogram import Histogram
 from gateway.tls.store import TlsStore
+from gateway.version import __version__
 
 #: The bucket bounds that are exported, of those that are counted.
 _SECONDS: Final = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)

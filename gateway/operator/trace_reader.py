@@ -7,7 +7,6 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from gateway import __version__
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT
@@ -25,6 +24,7 @@ from gateway.runtime.running import Running
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import FAILURES, Heard, PortChanged, Record, Sent
 from gateway.trace.ring import STEP, Ring
+from gateway.version import __version__
 
 #: Seconds until the next look for new records, until the next step through old ones, and between `clock` messages.
 _STEP: Final = 0.1

@@ -12,12 +12,12 @@ from decimal import Decimal
 from typing import Any, Final
 from zlib import crc32
 
-from gateway import __version__
 from gateway.plant.messages import Message
 from gateway.plant.topics import Topics
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice, PublishedPoint
 from gateway.registers.datatypes import is_float
+from gateway.version import __version__
 
 #: The platform of each component of each device that was announced, by the topic of the device and the component's key.
 Announced = Mapping[str, Mapping[str, str]]

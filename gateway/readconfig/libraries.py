@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from importlib.util import find_spec
 from typing import Final
 
-from gateway import __version__
+from gateway.version import __version__
 
 _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "web": ("aiohttp", "jinja2", "prometheus_client"),

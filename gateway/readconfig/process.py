@@ -14,9 +14,9 @@ from pathlib import Path
 from signal import SIG_BLOCK, SIG_SETMASK, Signals, pthread_sigmask
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from gateway import __version__
 from gateway.config.problem import Problem, errors_in
 from gateway.errors import ConfigError
+from gateway.version import __version__
 
 if TYPE_CHECKING:
     from gateway.config.plan.settings import Plan
@@ -38,7 +38,7 @@ _PROGRAM: Final = f"""\
 import gc, sys
 gc.disable()
 sys.path[:] = sys.argv.pop().split(":")
-from gateway import __version__
+from gateway.version import __version__
 if __version__ != {__version__!r}:
     sys.exit("{_CHANGED}")
 from gateway.readconfig.reader import main

@@ -8,9 +8,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from datetime import UTC, datetime
 from typing import Final
 
-from gateway import __version__
 from gateway.config.reading.masking import MASK
 from gateway.operator.answers.support import Document
+from gateway.version import __version__
 
 #: The most characters of one document, and of all.
 MOST_OF_ONE: Final = 8 * 1024 * 1024

@@ -12,12 +12,12 @@ from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import Final, Literal, NamedTuple
 
-import gateway
 from gateway.errors import PortError
 from gateway.hardware.listing import Adapter, describe_adapter
 from gateway.modbus.rtu import SHORTEST, crc_fits, encode
 from gateway.ports.port import CharacterErrors, Opener, Port, SerialSettings
 from gateway.timing.characters import CharacterFormat, LineTiming
+from gateway.version import __version__
 
 #: Usual rates, and some that few UARTs can divide exactly.
 RATES: Final = (
@@ -130,7 +130,7 @@ def about_machine() -> list[ReportRow]:
     with suppress(OSError):
         system = platform.freedesktop_os_release().get("PRETTY_NAME", system)
     return [
-        ReportRow("gateway", gateway.__version__),
+        ReportRow("gateway", __version__),
         ReportRow("Python", platform.python_version()),
         ReportRow("kernel", f"{platform.release()} {platform.machine()}"),
         ReportRow("system", system),

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from gateway import __version__
 from gateway.cli import main as command
 from gateway.cli.main import VERBS, main
 from gateway.errors import PortError
+from gateway.version import __version__
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from gateway import __version__
 from gateway.cli.kit import daemon
 from gateway.cli.main import main
 from gateway.control.server import _line
+from gateway.version import __version__
 from kit.asking import answers as kit_answers
 from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine

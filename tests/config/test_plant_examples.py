@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from gateway import __version__
 from gateway.config.load import parse
 from gateway.plant.discovery import Discovery
 from gateway.plant.topics import Topics
+from gateway.version import __version__
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 PAGE = DEPLOY.parent / "docs" / "plant.md"

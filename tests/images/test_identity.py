@@ -2,10 +2,10 @@
 
 import pytest
 
-from gateway import __version__
 from gateway.images.services import Identity
 from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.pdu import parse_request
+from gateway.version import __version__
 from images.asking import image
 
 VENDOR, PRODUCT, NAME = b"modbus-gateway", b"register image", b"shift-data"

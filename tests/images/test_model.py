@@ -4,10 +4,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gateway import __version__
 from gateway.images.image import Image
 from gateway.modbus.codes import MAX_PDU, Area
 from gateway.routing.broadcast import Broadcast, Recipient
+from gateway.version import __version__
 from images.asking import exchange, image
 from images.model import Model
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from gateway import __version__
 from gateway.cli.kit.daemon import Conversation, Meant
 from gateway.control.messages import END
 from gateway.control.server import _line
@@ -20,6 +19,7 @@ from gateway.operator.requests import AT_CONTROL
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
 from gateway.request import Request
+from gateway.version import __version__
 
 Question = Mapping[str, Any]
 

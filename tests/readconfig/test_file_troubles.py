@@ -7,10 +7,10 @@ from contextlib import contextmanager, nullcontext
 
 import pytest
 
-from gateway import __version__
 from gateway.config.load import load
 from gateway.readconfig.file_troubles import with_file_troubles
 from gateway.readconfig.libraries import not_installed
+from gateway.version import __version__
 from kit.browser import CHEAP_HASH
 
 CONFIG = """\

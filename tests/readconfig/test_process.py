@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from gateway import __version__
 from gateway.errors import ConfigError
 from gateway.readconfig import process
 from gateway.readconfig.process import ConfigProcess, ConfigRead, read_config
 from gateway.readconfig.reader import packed, read_here
+from gateway.version import __version__
 
 EXAMPLES = sorted(Path("deploy/examples").glob("*.toml"))
 

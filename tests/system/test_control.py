@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway import __version__
 from gateway.operator.operations import BY_NAME
+from gateway.version import __version__
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port
 from kit.process import PATIENCE, GatewayProcess, command

@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-from gateway import __version__
 from gateway.cli.kit import daemon as daemon_module
 from gateway.cli.kit.daemon import Conversation, Meant
 from gateway.control.server import MOST_CONNECTIONS, control_open
@@ -19,6 +18,7 @@ from gateway.errors import DaemonError
 from gateway.events import Event, PartFailed
 from gateway.operator.operation import Nothing
 from gateway.operator.operator import Operator
+from gateway.version import __version__
 from kit.operations import SEVERAL, STATUS_AND_DEFECT, Told
 from kit.process import PATIENCE
 

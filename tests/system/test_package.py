@@ -175,7 +175,7 @@ def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
         (tmp_path / folder).mkdir(parents=True)
     for file in ("CHANGELOG.md", "CONTRIBUTING.md", "README.md", "LICENSE", "deploy/udev/modbus-gateway.rules"):
         (tmp_path / file).touch()
-    (tmp_path / "gateway/__init__.py").write_text('__version__ = "0"\n')
+    (tmp_path / "gateway/version.py").write_text('__version__ = "0"\n')
     (tmp_path / "systemd/modbus-gateway.service").touch()
     shutil.copy(DEPLOY / "build-deb", tmp_path / "deploy")
     for name, does in BUILDERS_TOOLS.items():

@@ -101,7 +101,7 @@ def test_another_commit(dist):
 def test_a_tag_that_is_not_the_version():
     findings = Findings()
     check_tags(findings, [f"v{version()}", "v9.9.9"])
-    assert findings.wrong == [f"the tag v9.9.9: gateway/__init__.py says {version()}"]
+    assert findings.wrong == [f"the tag v9.9.9: gateway/version.py says {version()}"]
 
 
 @pytest.mark.parametrize(

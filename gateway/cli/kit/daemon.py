@@ -12,7 +12,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self, TypeVar
 
-from gateway import __version__
 from gateway.cli.main import DEFAULT_CONFIG
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.control.messages import line_of, question_of, result_in
@@ -21,6 +20,7 @@ from gateway.errors import DaemonError
 from gateway.operator.operation import Nothing, Operation
 from gateway.operator.operations import WHICH
 from gateway.operator.results import NotUnderstoodError
+from gateway.version import __version__
 
 P = TypeVar("P")
 R = TypeVar("R")

@@ -11,7 +11,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from gateway import __version__
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by, tell_wrong_usage
 from gateway.cli.main import FINE, PROBLEM_FOUND
@@ -25,6 +24,7 @@ from gateway.operator.operations import TRACE, WHY
 from gateway.operator.stories import told
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import MOST_STORIES
+from gateway.version import __version__
 
 #: How often to look for what is new, in seconds.
 _STEP: Final = 0.1

@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping
 from socket import gethostname
 from typing import Any
 
-from gateway import __version__
 from gateway.modbus.codes import HIGHEST_UNIT
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_upstream import GatewayUpstream
+from gateway.version import __version__
 
 
 def tell(gateway: Gateway, router: Router, up: float) -> Mapping[str, Any]:

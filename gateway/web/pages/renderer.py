@@ -11,10 +11,10 @@ from aiohttp import web
 from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
 from jinja2.bccache import Bucket
 
-from gateway import DOCUMENTATION, __version__
 from gateway.clock.slices import with_rests
 from gateway.clock.threads import ThreadPerCall
 from gateway.config.values.unitset import show_units
+from gateway.version import DOCUMENTATION, __version__
 from gateway.web.access.guard import VISITOR, Need
 from gateway.web.front.problems import Handler
 from gateway.web.front.turns import Turns

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway import __version__
 from gateway.cli.kit import daemon
 from gateway.cli.kit.daemon import Conversation, Meant
 from gateway.errors import DaemonError
+from gateway.version import __version__
 
 SERVICE = Path("/run/modbus-gateway/control.sock")
 

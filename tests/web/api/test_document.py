@@ -5,9 +5,9 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 
-from gateway import __version__
 from gateway.operator.answers.values import IF_KNOWN
 from gateway.operator.operations import OPERATIONS
+from gateway.version import __version__
 from gateway.web.api.api import DOCUMENT
 from gateway.web.api.document import as_text, document
 from gateway.web.api.schemas import schemas_of
