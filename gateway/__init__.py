@@ -5,10 +5,10 @@ See docs/library.md.
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 from gateway.version import __version__
 
+TYPE_CHECKING = False  # Type checkers take it for true. That of `typing` would take longer than all the rest.
 if TYPE_CHECKING:
     from gateway import events
     from gateway.config.problem import Problem
@@ -73,14 +73,16 @@ _ELSEWHERE = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    if name == "events":
-        return import_module("gateway.events")
-    value = getattr(import_module(f"gateway.{_ELSEWHERE.get(name, 'errors')}"), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # they would take any name for right
+
+    def __getattr__(name: str) -> object:
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        if name == "events":
+            return import_module("gateway.events")
+        value = getattr(import_module(f"gateway.{_ELSEWHERE.get(name, 'errors')}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:
