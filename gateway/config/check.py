@@ -28,7 +28,7 @@ from gateway.config.checks.units import (
 )
 from gateway.config.checks.upstreams import check_upstreams
 from gateway.config.plan.settings import Plan
-from gateway.config.problem import Path, Problem, error, warning
+from gateway.config.problem import Path, Problem, WrongValue, error, warning
 from gateway.config.resolve import complete, without_rows
 from gateway.config.schema.config import Config
 from gateway.config.values.address import Address
@@ -37,6 +37,8 @@ from gateway.config.values.address import Address
 PortTrouble = Callable[[str], str | None]
 #: Why a machine cannot listen at an address, as far as can be seen without binding it; None if it can.
 AddressTrouble = Callable[[str], str | None]
+#: Why the class of a unit made in Python, `module:Name`, cannot be used; None if it can.
+UnitTrouble = Callable[[str], WrongValue | None]
 
 #: The limit of Linux: unix(7).
 _LONGEST_SOCKET_PATH: Final = 107
@@ -48,13 +50,19 @@ def check(
     port_trouble: PortTrouble = lambda _: None,
     real_path: Callable[[str], str] = str,
     address_trouble: AddressTrouble = lambda _: None,
+    unit_trouble: UnitTrouble = lambda _: None,
 ) -> Iterator[Problem]:
     """Find all conflicts between tables.
 
     `failed` are the sections with a table that is missing because it has errors: references that may mean it are not
-    reported. `port_trouble` and `real_path` check ports, `address_trouble` checks addresses of listeners.
+    reported. `port_trouble` and `real_path` check ports, `address_trouble` checks addresses of listeners, and
+    `unit_trouble` the classes of units made in Python.
     """
-    looked_at = (*_look_at_ports(config, port_trouble), *_look_at_addresses(config, address_trouble))
+    looked_at = (
+        *_look_at_ports(config, port_trouble),
+        *_look_at_addresses(config, address_trouble),
+        *_look_at_units(config, unit_trouble),
+    )
     found = [*_check_tables(config, failed, real_path), *looked_at]
     yield from found
     if not failed and not _errors(found):
@@ -138,6 +146,13 @@ def _look_at_addresses(config: Config, address_trouble: AddressTrouble) -> Itera
         trouble = None if is_always_there else address_trouble(bind.host)
         if trouble is not None:
             yield warning((*path, "bind"), trouble, "ip -brief address lists those that it has")
+
+
+def _look_at_units(config: Config, unit_trouble: UnitTrouble) -> Iterator[Problem]:
+    for image in config.image:
+        trouble = None if image.python is None else unit_trouble(image.python)
+        if trouble is not None:
+            yield error((*image.path, "python"), str(trouble), trouble.remedy)
 
 
 def _binds(config: Config) -> Iterator[tuple[Path, Address]]:

@@ -4,10 +4,11 @@ import os
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path as FilePath
 from typing import Any, Final
 
-from gateway.config.check import AddressTrouble, PortTrouble, check
+from gateway.config.check import AddressTrouble, PortTrouble, UnitTrouble, check
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.config.machine.paths import check_paths
 from gateway.config.machine.port_trouble import port_trouble
@@ -48,10 +49,15 @@ class Loaded:
 _NO_CONFIG_YET: Final = "create it, or name another file; `modbus-gateway` alone prints one to begin with"
 
 
-def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None) -> Loaded:
+def load(
+    path: str | FilePath,
+    address_trouble: AddressTrouble = lambda _: None,
+    unit_trouble: UnitTrouble = lambda _: None,
+) -> Loaded:
     """Load the file at `path`. Nothing is raised: a file that cannot be read is a problem too.
 
-    `address_trouble` checks addresses of listeners; by default they are not checked.
+    `address_trouble` checks addresses of listeners, and `unit_trouble` the classes of units made in Python; by default
+    neither are checked.
     """
     file = str(path)
     try:
@@ -59,7 +65,7 @@ def load(path: str | FilePath, address_trouble: AddressTrouble = lambda _: None)
     except UnreadableFile as wrong:
         remedy = wrong.remedy if FilePath(path).exists() else _NO_CONFIG_YET
         return _fail(error((), str(wrong), remedy), file, wrong.line, min(wrong.line, 1))
-    return replace(parse(text, file, address_trouble=address_trouble), text=text)
+    return replace(parse(text, file, address_trouble=address_trouble, unit_trouble=unit_trouble), text=text)
 
 
 def load_profile(path: FilePath, name: str = "") -> ProfileFile:
@@ -90,6 +96,7 @@ def parse(
     address_trouble: AddressTrouble = lambda _: None,
     exists: Callable[[str], bool] = os.path.exists,
     profile_files: ProfileFiles | None = None,
+    unit_trouble: UnitTrouble = lambda _: None,
 ) -> Loaded:
     """Parse `text`, the content of `file`. `exists` looks for the files that it names."""
     try:
@@ -102,7 +109,14 @@ def parse(
         return _fail_nested(file)
     files = profile_files or ProfileFiles.of_config(file)
     try:
-        return _parsed(document, positions, text, file, port_trouble, real_path, address_trouble, exists, files)
+        troubles = partial(
+            check,
+            port_trouble=port_trouble,
+            real_path=real_path,
+            address_trouble=address_trouble,
+            unit_trouble=unit_trouble,
+        )
+        return _parsed(document, positions, text, file, exists, files, troubles)
     except RecursionError:  # a key of a thousand parts
         return _fail_nested(file)
 
@@ -112,11 +126,9 @@ def _parsed(
     positions: Positions,
     text: str,
     file: str,
-    port_trouble: PortTrouble,
-    real_path: Callable[[str], str],
-    address_trouble: AddressTrouble,
     exists: Callable[[str], bool],
     files: ProfileFiles,
+    troubles: Callable[[Config, frozenset[str]], Iterator[Problem]],
 ) -> Loaded:
     folder = folder_of(FilePath(file))
     reader = TableReader(document, positions, FilePath(file).name, folder)
@@ -129,7 +141,7 @@ def _parsed(
         *_check_masks(document, text),
     ]
     failed = frozenset(reader.failed if profiled.is_whole else {*reader.failed, PROFILE})
-    found += check(config, failed, port_trouble, real_path, address_trouble)
+    found += troubles(config, failed)
     places = _Places(positions, file, document, files)
     problems = [places.locate(one) for one in dict.fromkeys(found)]
     has_error = any(one.severity == "error" for one in problems)

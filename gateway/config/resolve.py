@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.plan.access import access_row
-from gateway.config.plan.images import image_settings, kind_of, mirror_settings
+from gateway.config.plan.images import OWN_VALUES, image_settings, kind_of, mirror_settings
 from gateway.config.plan.lines import line_plan, monitor_plan, server_plan, upstream_plan
 from gateway.config.plan.listeners import listen_settings
 from gateway.config.plan.profiles import guarded_profile_of
@@ -38,7 +38,7 @@ def without_rows(config: Config) -> tuple[Plan, Maps]:
     monitors = tuple(monitor_plan(line, profiles, config) for line in monitor_lines(config))
     owners: tuple[OwnerPlan, ...] = (*lines, *upstreams, *monitors)
     devices = {device.name: device for owner in owners for device in owner.devices}
-    images = tuple(image_settings(image, profiles) for image in config.image if kind_of(image) == "image")
+    images = tuple(image_settings(image, profiles) for image in config.image if kind_of(image) in OWN_VALUES)
     own = () if config.own is None else (self_settings(config.own.unit, config.own.place),)
     of_profile = points_of_profiles(config)
     of_devices = tuple(points_of_devices(config, of_profile))

@@ -38,6 +38,11 @@ class ImageSettings:
     timeout: float = 1.0
     source: str = field(default="", compare=False)
 
+    @property
+    def longest_wait(self) -> float:
+        """How long a request may take, in seconds: for its turn and, once it has begun, for its answer."""
+        return 2 * self.timeout if self.python else 0.0
+
 
 @dataclass(slots=True)
 class ImageCounts:

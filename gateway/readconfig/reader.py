@@ -12,13 +12,16 @@ from typing import Any
 
 from gateway.config.load import load
 from gateway.config.machine.address_trouble import address_trouble
+from gateway.config.machine.file_text import folder_of
+from gateway.config.machine.unit_class import unit_trouble
 from gateway.config.resolve import resolve
 from gateway.readconfig.process import READING_TIME, ConfigRead
 
 
 def read_here(file: Path, *, look_around: bool = False) -> ConfigRead:
     """Read `file` in this process. See process.ReadConfig."""
-    loaded = load(file, address_trouble) if look_around else load(file)
+    made = partial(unit_trouble, folder=folder_of(file))
+    loaded = load(file, address_trouble, made) if look_around else load(file, unit_trouble=made)
     if look_around:
         from gateway.readconfig.file_troubles import with_file_troubles  # noqa: PLC0415 - it needs TLS, others do not
 

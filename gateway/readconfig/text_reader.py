@@ -44,7 +44,7 @@ def check_given_text(file: Path, given: bytes) -> TextCheck:
 def look_at(text: str, in_use: str, file: Path) -> TextCheck:
     """Check `text` as the content of `file`, compare it with the text `in_use`, and open nothing that they name."""
     loaded = _parse(text, file)
-    notes = [_NOT_LOOKED_AT, *_about_profiles(loaded)]
+    notes = [_NOT_LOOKED_AT, *_about_profiles(loaded), *_about_python(loaded)]
     changes = None
     if loaded.config is not None:
         before = _parse(in_use, file)
@@ -74,6 +74,13 @@ def _about_profiles(loaded: Loaded) -> Iterator[str]:
     names = ", ".join(loaded.profile_texts)
     if names:
         yield f"own profiles are those of the gateway: {names}"
+
+
+def _about_python(loaded: Loaded) -> Iterator[str]:
+    images = () if loaded.config is None else loaded.config.image
+    names = ", ".join(image.python for image in images if image.python is not None)
+    if names:
+        yield f"not imported: {names}"
 
 
 def _told(problem: Problem, file: Path) -> TextProblem:

@@ -93,8 +93,9 @@ class Gateway:
 
     @property
     def longest_waits(self) -> Mapping[str, float]:
-        """The longest wait for each unit that has a device behind it, in seconds, by its name."""
+        """The longest wait for each unit, in seconds, by its name."""
         waits = {name: wait for owner in self.owners for name, wait in owner.longest_wait.items()}
+        waits |= {image.name: image.settings.longest_wait for image in self.images}
         through = {
             each.name: max((waits.get(name, 0.0) for name in each.pollers), default=0.0) for each in self.polling_units
         }

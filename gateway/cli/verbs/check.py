@@ -3,6 +3,7 @@
 import argparse
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
 from gateway.cli.kit.progress import working
@@ -12,6 +13,8 @@ from gateway.cli.show.quotes import Quotes
 from gateway.config.documents.json_schema import json_schema
 from gateway.config.load import Loaded, load
 from gateway.config.machine.address_trouble import address_trouble
+from gateway.config.machine.file_text import folder_of
+from gateway.config.machine.unit_class import unit_trouble
 from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve
 from gateway.control.path import folder_of_control
@@ -51,4 +54,5 @@ def _told(loaded: Loaded, plan: Plan | None, args: argparse.Namespace) -> str:
 
 def _load_and_look(file: str) -> Loaded:
     """Load the file, and add what would keep the service of this machine from using it."""
-    return with_file_troubles(load(file, address_trouble), file)
+    made = partial(unit_trouble, folder=folder_of(Path(file)))
+    return with_file_troubles(load(file, address_trouble, made), file)

@@ -1,11 +1,12 @@
-"""Cross-checks of images, mirrors and virtual units."""
+"""Cross-checks of `[[image]]`: images, mirrors, virtual units and units made in Python."""
 
 from collections.abc import Collection, Iterable, Iterator
+from typing import Final
 
 from gateway.config.checks.maps import check_map
 from gateway.config.checks.units import claims, profile_of_row
 from gateway.config.plan.areas import initial_values, ranges_in
-from gateway.config.plan.images import kind_of
+from gateway.config.plan.images import OWN_VALUES, kind_of
 from gateway.config.plan.map_sources import cannot_be_polled
 from gateway.config.plan.names import device_names, owners, rows_of
 from gateway.config.plan.reach import client_lines, units_without_devices
@@ -20,6 +21,8 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.profile import Range, covers
 
+_NAME_CLASS: Final = 'name its class: python = "module:Name"'
+
 
 def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """Find images without the addresses of their initial values, and mirrors and rows of what cannot be polled.
@@ -28,7 +31,13 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
     """
     profiles = _profiles_of_devices(config)
     for image in config.image:
-        if image.of is not None:
+        kind = kind_of(image)
+        if kind != "unit made in Python" and image.has("timeout"):
+            yield error((*image.path, "timeout"), "only a unit made in Python has this key", _NAME_CLASS)
+        if kind == "unit made in Python":
+            yield from _check_made_in_python(image)
+            yield from _check_own_registers(image, config.profile.get(image.profile))
+        elif image.of is not None:
             yield from _check_mirror(image)
             if image.of not in profiles and not failed & {"line", "upstream"}:
                 yield error(
@@ -37,19 +46,16 @@ def check_images(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
             profile = profiles.get(image.of)
             if profile is not None:
                 yield from _check_polled(image, image.of, profile)
-            continue
-        yield from _check_own_registers(image, config.profile.get(image.profile or ""))
-        if kind_of(image) == "virtual unit":
-            yield from check_map(image)
         else:
-            yield from _check_local(image)
+            yield from _check_own_registers(image, config.profile.get(image.profile or ""))
+            yield from check_map(image) if kind == "virtual unit" else _check_local(image)
     if not failed & {"line", "upstream", "image", "self"}:
         yield from _check_sources(config, profiles)
 
 
 def _check_sources(config: Config, devices: Collection[str]) -> Iterator[Problem]:
     """Find rows of maps that name what is no device and no image."""
-    others = {image.label: kind for image in config.image if (kind := kind_of(image)) != "image"}
+    others = {image.label: kind for image in config.image if (kind := kind_of(image)) not in OWN_VALUES}
     known = {*devices, *(image.label for image in config.image if image.label not in others)}
     known |= set() if config.own is None else {NAME}
     for image in config.image:
@@ -107,6 +113,11 @@ def _check_local(image: Image) -> Iterator[Problem]:
         yield error((*image.path, key), *remedies[key])
     if not any(ranges_in(area, image) for area in Area):
         yield error(image.path, "has no register and no coil", "write how many, such as holding = 100")
+
+
+def _check_made_in_python(image: Image) -> Iterator[Problem]:
+    for key in filter(image.has, ("of", "read", "stale", "map", "when_stale", "persist", "initial")):
+        yield error((*image.path, key), "a unit made in Python has what its class says", "take the key out, or python")
 
 
 def _check_own_registers(image: Image, profile: ProfileTable | None) -> Iterator[Problem]:

@@ -200,10 +200,11 @@ def most_items(function: int, profile: Profile) -> int:
 
 
 def waits_by_name(plan: Plan) -> dict[str, float]:
-    """Compute the longest wait for each device, mirror and virtual unit, by its name; images answer at once."""
+    """Compute the longest wait for each unit, by its name."""
     waits = {name: wait for line in plan.lines for name, wait in longest_waits(line).items()}
     waits |= {name: wait for upstream in plan.upstreams for name, wait in longest_waits_behind(upstream).items()}
     waits |= {device.name: 0.0 for monitor in plan.monitors for device in monitor.devices}
+    waits |= {image.name: image.longest_wait for image in plan.images}
     through = {mirror.name: waits[mirror.of] for mirror in plan.mirrors}
     through |= {unit.name: max((waits.get(name, 0.0) for name in unit.devices), default=0.0) for unit in plan.virtual}
     return waits | through
@@ -213,7 +214,7 @@ def waits_behind(server: ServerPlan, plan: Plan) -> dict[int, tuple[str, float]]
     """Find the name of the destination of each unit of a server line, and the longest wait for it."""
     behind = waits_by_name(plan)
     waits = {device.known_as: (device.name, behind[device.name]) for device in plan.shared}
-    waits |= {image.unit: (image.name, 0.0) for image in plan.images}
+    waits |= {image.unit: (image.name, image.longest_wait) for image in plan.images}
     waits |= {mirror.unit: (mirror.name, behind[mirror.name]) for mirror in plan.mirrors}
     waits |= {unit.unit: (unit.name, behind[unit.name]) for unit in plan.virtual}
     return {unit: waits[unit] for unit in sorted(server.line.serves)}

@@ -1,12 +1,12 @@
 """The settings of register images and mirrors."""
 
 from collections.abc import Iterable, Mapping
-from typing import Literal
+from typing import Final, Literal
 
 from gateway.config.plan.areas import initial_values, ranges_in
 from gateway.config.plan.unit_points import points_in
 from gateway.config.schema.image import Image
-from gateway.config.values.ranges import join_ranges
+from gateway.config.values.ranges import MOST_ITEMS, join_ranges
 from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings, Poll
@@ -14,16 +14,25 @@ from gateway.modbus.codes import Area
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 
+#: The kinds of units whose values come from no device.
+OWN_VALUES: Final = ("image", "unit made in Python")
+#: All addresses of an area.
+_ALL: Final = ((0, MOST_ITEMS - 1),)
 
-def kind_of(image: Image) -> Literal["image", "mirror", "virtual unit"]:
+
+def kind_of(image: Image) -> Literal["image", "mirror", "virtual unit", "unit made in Python"]:
     """Tell what the keys of a table make it."""
+    if image.python is not None:
+        return "unit made in Python"
     return "mirror" if image.of is not None else "virtual unit" if image.has("map") else "image"
 
 
 def image_settings(image: Image, profiles: Mapping[str, Profile]) -> ImageSettings:
-    """Turn a table without `of` into the settings of a register image."""
-    areas = {area: ranges_in(area, image) for area in Area if ranges_in(area, image)}
+    """Turn a table without `of` into the settings of a register image, or of a unit made in Python."""
     profile = profiles[image.profile]
+    areas = {area: ranges_in(area, image) for area in Area if ranges_in(area, image)}
+    if image.python is not None and not areas:
+        areas = {area: ranges for area in Area if (ranges := profile.areas.get(area, _ALL))}
     return ImageSettings(
         unit=image.unit,
         name=image.label,
@@ -35,6 +44,8 @@ def image_settings(image: Image, profiles: Mapping[str, Profile]) -> ImageSettin
             if initial_values(area, image)
         },
         persist=image.persist,
+        python=image.python or "",
+        timeout=image.timeout,
         source=image.place,
     )
 

@@ -1,4 +1,4 @@
-"""The keys of `[[image]]`: register images, mirrors and virtual units."""
+"""The keys of `[[image]]`: register images, mirrors, virtual units and units made in Python."""
 
 from typing import Annotated, Literal
 
@@ -12,6 +12,7 @@ from gateway.config.values.key_types import (
     LongerDuration,
     Name,
     OwnUnit,
+    PythonClass,
     Ranges,
     WhenStale,
 )
@@ -51,7 +52,8 @@ class Image(Table):
     """A unit that the gateway answers itself: a register image, with `of` a mirror, with `map` a virtual unit.
 
     A virtual unit gathers registers of many devices in one block. `holding`, `input`, `coils` and `discrete` are those
-    of its own, beside them; addresses that are neither are answered with exception 02.
+    of its own, beside them; addresses that are neither are answered with exception 02. With `python` it is a
+    [unit made in Python](images.md#a-unit-made-in-python).
     """
 
     unit: OwnUnit = Field(
@@ -86,6 +88,16 @@ class Image(Table):
         description="Virtual units: what a read gets of stale values: `exception` (0B), `hold` (the last value; 0B as "
         "long as there was none), or a number in each register or coil. All but `exception` needs a `fresh` bit for "
         "each device.",
+    )
+
+    python: PythonClass | None = Field(
+        None,
+        description="Makes it a unit made in Python: the module and its class, which is found among what is installed "
+        "for the Python of the gateway, then beside the config file. It has all addresses, unless `holding`, `input`, "
+        "`coils` or `discrete` name some, or its profile does.",
+    )
+    timeout: LongerDuration = Field(
+        1.0, description="Units made in Python: how long a request may take; then it is answered with exception 0B."
     )
 
     @property

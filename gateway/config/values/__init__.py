@@ -3,6 +3,6 @@
 - key_types, kind    the types of keys, and what the documents say of each
 - address, port, networks, site, broker, fleet    where something is
 - duration, size, limits, character_format    amounts
-- names, reserved_names, files    text
+- names, reserved_names, files, python_class    text
 - unitset, ranges, point_keys    units, addresses, points
 """

@@ -43,6 +43,7 @@ from gateway.config.values.point_keys import (
 )
 from gateway.config.values.port import VirtualPort, parse_line_port
 from gateway.config.values.profile_keys import parse_identity, parse_wide
+from gateway.config.values.python_class import parse_python_class
 from gateway.config.values.ranges import parse_addresses, parse_ranges
 from gateway.config.values.site import Site, parse_lease_name, parse_other_servers, parse_site
 from gateway.config.values.size import parse_size_or_zero, show_size
@@ -90,6 +91,9 @@ _NETWORKS = Kind('list such as `["10.2.0.0/24"]`', list_of(WORD))
 
 Name = Annotated[str, PlainValidator(parse_name), Kind("text", WORD)]
 Role = Annotated[str, PlainValidator(parse_role), Kind("text", WORD)]
+PythonClass = Annotated[
+    str, PlainValidator(parse_python_class), Kind('text such as `"clock:Clock"`', text("[^/]+:[^/]+"))
+]
 Duration = Annotated[float, PlainValidator(parse_duration), _DURATION]
 #: What a device needs to think. Fast ones need less than a millisecond.
 AnswerDuration = Annotated[float, PlainValidator(partial(parse_duration, least=0.0)), _DURATION]
