@@ -2,6 +2,7 @@
 
 - exact_loop, waiter    the event loop and its waiting (ADR 9)
 - lazy_timer   one timer for each line
+- beside       tasks beside others
 - slices       long readings, with pauses for the lines
 - threads      calls into drivers
 - times        times of day as text

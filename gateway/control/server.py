@@ -21,6 +21,7 @@ from contextlib import aclosing, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
+from gateway.clock.beside import end
 from gateway.clock.threads import ThreadPerCall
 from gateway.control.messages import END, answer_of, line_of
 from gateway.errors import WrongQuestion
@@ -76,9 +77,8 @@ async def control_open(
         yield
     finally:
         server.close()
-        for conversation in conversations:
-            conversation.cancel()
         _remove(path)
+        await end(*conversations)
 
 
 def _bound(path: Path) -> socket.socket:

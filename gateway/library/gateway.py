@@ -3,27 +3,31 @@
 import asyncio
 from collections.abc import Mapping
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Final, Self
 
+from gateway.clock.threads import ThreadPerCall
 from gateway.config.load import load, parse
 from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve
 from gateway.errors import ConfigError, UnknownUnit, WrongQuestion
 from gateway.images.custom_unit import CustomUnit
+from gateway.library.life import Life
 from gateway.library.log import log_event
 from gateway.library.unit_client import UnitClient
 from gateway.observe.fan_out import FanOut
 from gateway.operator.operator import Operator
 from gateway.operator.units import picture
 from gateway.ports.opener import make_opener
-from gateway.runtime.reload import Reloader
+from gateway.runtime.reload import Reloader, warn_of_certificates
 from gateway.runtime.running import Running
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
-from gateway.tls.store import TlsStore
+from gateway.tls.store import TlsStore, load_all
 
+_NOT_RUNNING: Final = "the gateway is not running: use it inside `async with gateway`"
 #: The units that a program has made, by number.
 Units = Mapping[int, CustomUnit]
 
@@ -43,8 +47,7 @@ class Gateway:
         self._text = text
         self._file = file
         self._units = units or {}
-        self._stop: Stop | None = None
-        self._task: asyncio.Task[None] | None = None
+        self._life: Life | None = None
         self._operator: Operator | None = None
 
     @classmethod
@@ -90,32 +93,59 @@ class Gateway:
         return UnitClient(operator, found.key, found.name)
 
     async def __aenter__(self) -> Self:
-        """Start: listen, and open the lines.
+        """Start: listen, and open the lines. If this is cancelled, all is closed again.
+
+        If the gateway fails later, by a defect, the body of the context is cancelled, and its end raises the error.
 
         Raises:
             ListenError: an address cannot be used.
+            TlsError: a certificate or a key cannot be used.
+            RuntimeError: it was started before.
         """
-        fan_out, contexts = FanOut(log_event), TlsStore()
-        running = Running(self._plan, partial(make_opener, store=contexts), fan_out.emit, contexts=contexts)
-        self._operator = Operator(running, Reloader(self._file, running, Notifier({}), text=self._text))
-        self._stop = Stop()
-        self._task = asyncio.create_task(serve(running, self._stop), name="gateway")
-        ready = asyncio.create_task(running.ready.wait(), name="gateway ready")
+        if self._life is not None:
+            raise RuntimeError("a gateway runs once: make another one")
+        ready, stop = _Ready(), Stop()
+        self._life = Life(self._run(ready, stop), stop)
         try:
-            await asyncio.wait((self._task, ready), return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            ready.cancel()
-        if self._task.done():
-            self._task.result()
-        return self
+            await ready.event.wait()
+        except asyncio.CancelledError as error:
+            cancelled = error
+        else:
+            return self
+        await self._life.end(cancelled)
+        raise cancelled
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Stop: requests in progress are finished, for a second at most; all ports are closed."""
-        if self._stop is not None and self._task is not None:
-            self._stop.order("closed")
-            await self._task
+        """Stop: clients get the responses that they wait for, within 3 s; then all ports are closed, within 2 s.
+
+        When this is cancelled, it does not wait for responses, but still for the ports.
+        """
+        if self._life is None:
+            raise RuntimeError(_NOT_RUNNING)
+        await self._life.end(error)
+
+    async def _run(self, ready: "_Ready", stop: Stop) -> None:
+        """Run until `stop`, as the daemon does."""
+        plan, fan_out, loop = self._plan, FanOut(log_event), asyncio.get_running_loop()
+        contexts = TlsStore()
+        if plan.secured:
+            certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, plan.secured)
+            warn_of_certificates(certificates, fan_out.emit)
+            contexts.adopt(certificates)
+        running = Running(plan, partial(make_opener, store=contexts), fan_out.emit, contexts=contexts)
+        reloader = Reloader(self._file, running, ready, text=self._text)
+        operator = Operator(running, reloader, events=fan_out.last)
+        pages = None
+        if plan.web is not None:  # only then is its library loaded
+            opening = await loop.run_in_executor(ThreadPerCall("load web"), import_module, "gateway.web.front.opening")
+            pages = opening.web_pages(plan.web, operator, fan_out, None)
+        self._operator = operator
+        try:
+            await serve(running, stop, ready, reloader, pages)
+        finally:
+            self._operator = None
 
     @property
     def _running(self) -> Running:
@@ -123,5 +153,18 @@ class Gateway:
 
     def _asked(self) -> Operator:
         if self._operator is None:
-            raise RuntimeError("the gateway has not been started: async with gateway")
+            raise RuntimeError(_NOT_RUNNING)
         return self._operator
+
+
+class _Ready(Notifier):
+    """Takes the place of systemd: `event` is set once clients can connect."""
+
+    def __init__(self) -> None:
+        super().__init__({})
+        self.event: Final = asyncio.Event()
+
+    def ready(self, status: str) -> None:
+        """Note that clients can connect."""
+        super().ready(status)
+        self.event.set()

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from threading import Event
+from typing import Final
 
 from serial import Serial
 
@@ -22,6 +24,8 @@ from gateway.ports.serial_port import SerialPort
 from gateway.ports.tcp import open_tcp
 from gateway.tls.store import TlsStore
 
+#: How long a cancelled attempt waits for the driver, in seconds: what comes next may open the port at once.
+_UNWANTED_TIME: Final = 0.5
 #: Ports whose driver is still opening them, perhaps after the attempt was cancelled.
 _being_opened: set[str] = set()
 
@@ -56,12 +60,14 @@ async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
         raise PortError(f"{settings.port}: its driver hangs in an earlier attempt to open it")
     loop = asyncio.get_running_loop()
     _being_opened.add(settings.port)
-    opening = loop.run_in_executor(ThreadPerCall(f"open {settings.port}"), open_device, settings)
-    opening.add_done_callback(lambda _: _being_opened.discard(settings.port))
+    is_unwanted = Event()
+    opening = loop.run_in_executor(ThreadPerCall(f"open {settings.port}"), _open, settings, is_unwanted)
     try:
         device = await asyncio.shield(opening)
     except asyncio.CancelledError:
+        is_unwanted.set()
         opening.add_done_callback(_close_unwanted)
+        await asyncio.wait((opening,), timeout=_UNWANTED_TIME)
         raise
     return SerialPort(loop, device, user)
 
@@ -85,8 +91,20 @@ def open_blocking(settings: SerialSettings, timeout: float) -> Iterator[Serial]:
             close_device(device, lost=False)
 
 
+def _open(settings: SerialSettings, is_unwanted: Event) -> OpenDevice:
+    """Open a port; close it again if it is unwanted by then: there may be no event loop any more."""
+    try:
+        device = open_device(settings)
+    finally:
+        _being_opened.discard(settings.port)
+    if is_unwanted.is_set():
+        close_device(device, lost=True)
+        raise PortError(f"{settings.port} is not wanted any more")
+    return device
+
+
 def _close_unwanted(opening: asyncio.Future[OpenDevice]) -> None:
-    """Close a port after its opening was cancelled."""
+    """Close a port that was open already when its opening was cancelled."""
     if opening.cancelled() or opening.exception() is not None:
         return
     device = opening.result()

@@ -1,7 +1,7 @@
 """Reload: reads the config again, compares it with the one in use, and applies the differences."""
 
 import asyncio
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from gateway import events
+from gateway.clock.beside import end
 from gateway.clock.threads import ThreadPerCall
 from gateway.config.plan.differences import differences, need_restart
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
 from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.readconfig.process import READING_TIME, ReadConfig, read_config
-from gateway.runtime import garbage
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.outcome import Outcome
 from gateway.runtime.running import Running
@@ -56,7 +56,8 @@ class Reloader:
 
     `text` is the content of the file when it was last used, at `applied_at` by the loop's clock, and `profile_texts`
     are the texts of the own profiles that it uses; both are kept in `applied`. `read` reads it, in a thread. What
-    images keep is read in a thread too, and so are certificates, even those of unchanged tables.
+    images keep is read in a thread too, and so are certificates, even those of unchanged tables. `settle` is called
+    after each.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Reloader:
         profile_texts: Mapping[str, str] | None = None,
         read: ReadConfig = read_config,
         applied: AppliedConfigs | None = None,
+        settle: Callable[[], None] = lambda: None,
     ) -> None:
         self.file = file
         self.read = read
@@ -79,6 +81,7 @@ class Reloader:
         self.last: Reloaded | None = None
         self._running = running
         self._manager = manager
+        self._settle = settle
         self.at_start = running.gateway.plan
         self._turn = asyncio.Lock()
         self._next: asyncio.Task[Outcome] | None = None
@@ -107,10 +110,7 @@ class Reloader:
 
     async def close(self) -> None:
         """Cancel the reloads that are in progress or ordered."""
-        tasks = list(self._tasks)
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end(*self._tasks)
 
     async def _run(self) -> Outcome:
         async with self._turn:
@@ -152,7 +152,7 @@ class Reloader:
             return self._rejected((f"what images keep, or certificates, cannot be read within {LOADING_TIME:g} s",))
         except (ListenError, StateError, TlsError) as error:
             return self._rejected((str(error),))
-        garbage.settle()
+        self._settle()
         self.text, self.profile_texts = loaded.text, loaded.profile_texts
         self.applied_at = loop.time()
         self._running.reload_succeeded = not defect

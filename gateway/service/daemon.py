@@ -123,7 +123,13 @@ async def _run(
     running = Running(plan, open_port, emit, kept, contexts=contexts, sockets=sockets)
     applied, read = AppliedConfigs(folder, source.file.name, emit), source.read
     reloader = Reloader(
-        source.file, running, systemd, text=read.text, profile_texts=read.profile_texts, applied=applied
+        source.file,
+        running,
+        systemd,
+        text=read.text,
+        profile_texts=read.profile_texts,
+        applied=applied,
+        settle=garbage.settle,
     )
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.order, number.name)

@@ -3,8 +3,10 @@
 import asyncio
 from collections.abc import AsyncIterator, Coroutine, Iterable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from functools import partial
 
 from gateway import events
+from gateway.clock.beside import Work, beside, end
 from gateway.readconfig import expiry
 from gateway.runtime.add_on import AddOn
 from gateway.runtime.reload import Reloader
@@ -52,18 +54,20 @@ async def serve(
         ListenError: an address cannot be used.
     """
     systemd = systemd or Notifier({})
-    async with AsyncExitStack() as beside:
+    async with AsyncExitStack() as opened:
         try:
             is_bound = await _complete_before(stop, running.bind())
             if is_bound and pages is not None:
-                await beside.enter_async_context(pages)
+                await opened.enter_async_context(pages)
             await running.connect_add_ons()
             async with running.lines_open():
-                if is_bound and await _complete_before(stop, running.tried()):
-                    running.start_listening()
-                    await _serve_until(stop, running, systemd, reloader, control)
-                if reloader is not None:
-                    await reloader.close()
+                try:
+                    if is_bound and await _complete_before(stop, running.tried()):
+                        running.start_listening()
+                        await _serve_until(stop, running, systemd, reloader, control)
+                finally:
+                    if reloader is not None:
+                        await reloader.close()
                 running.emit(events.Stopping(stop.reason))
                 systemd.stopping()
                 async with _leaving(running.add_ons):
@@ -71,8 +75,9 @@ async def serve(
                 running.stop_listening()
         finally:
             running.stop_listening()
-            for each in running.add_ons:
-                await each.stop()
+            async with AsyncExitStack() as stops:  # each stops, whatever happens to another
+                for each in reversed(running.add_ons):
+                    stops.push_async_callback(each.stop)
         running.emit(events.Stopped())
 
 
@@ -85,20 +90,22 @@ async def _serve_until(
     running.emit(events.Ready(listeners, up, len(parts) - up, running.page, control))
     systemd.ready(summary(running.gateway))
     running.ready.set()
-    await running.start_add_ons()
-    watching = asyncio.create_task(watch(running, systemd), name="watchdog")
-    sampling = asyncio.create_task(running.recent.keep_sampling(lambda: running.gateway), name="recent")
-    looking = asyncio.create_task(TightLimits().keep_looking(lambda: running.gateway, running.emit), name="limits")
-    expiring = asyncio.create_task(expiry.keep_looking(lambda: running.contexts, running.emit), name="certificates")
-    tasks = [watching, sampling, looking, expiring]
+    works: dict[str, Work] = {
+        "watchdog": partial(watch, running, systemd),
+        "recent": partial(running.recent.keep_sampling, lambda: running.gateway),
+        "limits": partial(TightLimits().keep_looking, lambda: running.gateway, running.emit),
+        "certificates": partial(expiry.keep_looking, lambda: running.contexts, running.emit),
+    }
     if reloader is not None:
-        tasks.append(asyncio.create_task(reloader.keep_in_use(), name="keep config"))
+        works["keep config"] = reloader.keep_in_use
     if running.troubles is not None:
-        tasks.append(asyncio.create_task(running.troubles.keep_looking(), name="state folder"))
-    await stop.wait()
-    running.ready.clear()
-    for task in tasks:
-        task.cancel()
+        works["state folder"] = running.troubles.keep_looking
+    try:
+        await running.start_add_ons()
+        async with beside(works, running.emit):
+            await stop.wait()
+    finally:
+        running.ready.clear()
 
 
 @asynccontextmanager
@@ -117,10 +124,10 @@ async def _leaving(add_ons: Iterable[AddOn]) -> AsyncIterator[None]:
 async def _complete_before(stop: Stop, step: Coroutine[None, None, None]) -> bool:
     """Run `step`, which the order to stop cancels; tell whether it finished. Raises what `step` raises."""
     doing, asked = asyncio.create_task(step, name="start"), asyncio.create_task(stop.wait(), name="stop")
-    await asyncio.wait((doing, asked), return_when=asyncio.FIRST_COMPLETED)
-    asked.cancel()
-    if not doing.done():
-        doing.cancel()
-        return False
-    doing.result()
-    return True
+    try:
+        await asyncio.wait((doing, asked), return_when=asyncio.FIRST_COMPLETED)
+        if doing.done():
+            doing.result()
+        return doing.done()
+    finally:
+        await end(doing, asked)

@@ -6,23 +6,23 @@ What could not be written is written later. A power cut loses what happened sinc
 
 import asyncio
 import sqlite3
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Generic, ParamSpec, Protocol, TypeVar
 from zlib import crc32
 
+from gateway.clock.beside import Work, beside, guarded
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import StateError
-from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.state.database import Database, Row, Table, is_damage, open_table
 
 P = ParamSpec("P")
 T = TypeVar("T")
 E = TypeVar("E")
 E_co = TypeVar("E_co", covariant=True)
-Work = Callable[[], Awaitable[None]]
 
 #: How often the file is written, in seconds.
 WRITE_EVERY: Final = 60.0
@@ -216,21 +216,11 @@ async def growing(part: str, grow: Work, finish: Work, file: RowFile[Any] | None
 
     A defect in it ends this part and nothing else.
     """
-
-    async def guarded(work: Work) -> None:
-        try:
-            await work()
-        except Exception as error:  # noqa: BLE001 - as above
-            emit(PartFailed.of(part, error))
-
-    works = [grow] if file is None else [grow, file.keep_writing]
-    tasks = [asyncio.create_task(guarded(work), name=part) for work in works]
+    works = {part: grow} if file is None else {part: grow, f"file of {part}": file.keep_writing}
     try:
-        yield
+        async with beside(works, emit):
+            yield
     finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.wait(tasks)
-        await guarded(finish)
+        await guarded(part, finish, emit)
         if file is not None:
             await file.close()

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -104,7 +105,10 @@ class Service:
         self.bench = GatewayBench(file.read_text(), state=file.parent)
         self.events = self.bench.events
         self.running = self.bench.running
-        self.reloader = Reloader(file, self.running, Notifier({}), read=self._read)
+        #: An entry for each time that the collector is told to settle.
+        self.settled: list[None] = []
+        settle = partial(self.settled.append, None)
+        self.reloader = Reloader(file, self.running, Notifier({}), read=self._read, settle=settle)
         self.stop = Stop()
         for number, port in ((1, "hall-a"), (2, "hall-b")):
             self.attach(port, number)
@@ -131,14 +135,6 @@ class Service:
     def _read(file):
         loaded = parse(file.read_text(), str(file), port_trouble=lambda port: None, real_path=lambda port: port)
         return ConfigRead(loaded.config and resolve(loaded.config), loaded.problems)
-
-
-@pytest.fixture(autouse=True)
-def settled(monkeypatch) -> list[None]:
-    """An entry for each time that the collector was told to settle, which looks at the objects of all tests."""
-    times: list[None] = []
-    monkeypatch.setattr("gateway.runtime.garbage.settle", lambda: times.append(None))
-    return times
 
 
 @pytest.fixture
@@ -184,11 +180,10 @@ async def test_a_file_that_means_the_same_changes_nothing(serving):
         assert service.part("hall-a").devices[41].source.endswith(":11")
 
 
-async def test_what_it_leaves_behind_is_freed(serving, settled):
+async def test_what_it_leaves_behind_is_freed(serving):
     async with serving(LISTEN + HALL_A) as service:
-        settled.clear()
         await service.reload(LISTEN + HALL_B)
-        assert len(settled) == 1
+        assert len(service.settled) == 1
 
 
 async def test_what_has_changed_is_built_anew_and_the_rest_is_not_touched(serving):

@@ -6,12 +6,12 @@ Loaded only if configured, and the library with it.
 import asyncio
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Final
 
 from gateway import events
+from gateway.clock.beside import end
 from gateway.config.plan.settings import MqttPlan
 from gateway.config.values.broker import HOME_ASSISTANT
 from gateway.images.drivers.polls_driver import Pollers
@@ -156,13 +156,12 @@ class Publication:
             return
         is_up = self.broker.reason == ""
         self.broker.stop(self._announcing.withdrawal() if is_over else ())
-        if is_up:
-            with suppress(TimeoutError):
-                async with asyncio.timeout(_STOPPING_TIME):
-                    await asyncio.shield(self._task)
-            self._announcing.done()
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        try:
+            if is_up:
+                await asyncio.wait((self._task,), timeout=_STOPPING_TIME)
+                self._announcing.done()
+        finally:
+            await end(self._task)
         if is_over and self.broker.has_left:
             self._announcing.withdrawn()
 

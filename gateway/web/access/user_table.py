@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Final
 
+from gateway.clock.beside import end
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import UsersError
 from gateway.readconfig.page_users import Users, read_users
@@ -45,7 +46,7 @@ class UserTable:
         try:
             yield
         finally:
-            task.cancel()
+            await end(task)
 
     async def _keep(self, file: Path) -> None:
         while True:

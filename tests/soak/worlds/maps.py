@@ -7,7 +7,6 @@ import asyncio
 from collections import deque
 from collections.abc import Mapping
 from math import inf
-from unittest.mock import patch
 
 from gateway.modbus.codes import Area
 from gateway.runtime.gateway import Gateway
@@ -126,7 +125,7 @@ class MapsWorld(DatedWorld):
 
 async def play(transactions: int, share: float, seed: int) -> Tally:
     """One run; the running loop is in virtual time."""
-    with patch("gateway.runtime.garbage.settle"), PollsSeen() as seen:
+    with PollsSeen() as seen:
         world = MapsWorld(transactions, seed, seen)
         bench = world.bench
         async with keep_lines_open(bench.running):

@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
-from unittest.mock import patch
 
 from gateway.config.load import parse
 from gateway.config.plan.settings import Plan
@@ -170,9 +169,8 @@ async def play(transactions: int, share: float, seed: int) -> Tally:
     """One run; the running loop is in virtual time."""
     world = _World(transactions, seed)
     bench = world.bench
-    with patch("gateway.runtime.garbage.settle"):  # it looks at all objects of the process
-        async with keep_lines_open(bench.running):
-            world.running.ready.set()
-            world.connect(share, seed)
-            clients = (keep_asking(world, bench.gateway, number, pause=0.05) for number in range(_CLIENTS))
-            return await world.run(bench.events, world.keep_reloading(), *clients)
+    async with keep_lines_open(bench.running):
+        world.running.ready.set()
+        world.connect(share, seed)
+        clients = (keep_asking(world, bench.gateway, number, pause=0.05) for number in range(_CLIENTS))
+        return await world.run(bench.events, world.keep_reloading(), *clients)

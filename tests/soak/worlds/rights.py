@@ -7,7 +7,6 @@ asked for it; what they allow is never refused with 01, and with 03 only while a
 import asyncio
 from collections import deque
 from typing import Final
-from unittest.mock import patch
 
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.runtime.gateway import Gateway
@@ -173,9 +172,8 @@ class _World(DatedWorld):
 async def play(transactions: int, share: float, seed: int) -> Tally:
     """One run; the running loop is in virtual time."""
     world = _World(transactions, seed)
-    with patch("gateway.runtime.garbage.settle"):
-        async with keep_lines_open(world.bench.running):
-            world.connect(share, seed)
-            gateway = world.bench.gateway
-            clients = (keep_asking(world, gateway, number, pause=0.05, kind=_Client) for number in range(_CLIENTS))
-            return await world.run(world.bench.events, world.keep_reloading(), *clients)
+    async with keep_lines_open(world.bench.running):
+        world.connect(share, seed)
+        gateway = world.bench.gateway
+        clients = (keep_asking(world, gateway, number, pause=0.05, kind=_Client) for number in range(_CLIENTS))
+        return await world.run(world.bench.events, world.keep_reloading(), *clients)
