@@ -7,8 +7,15 @@ import pytest
 from gateway import events
 
 ALL = [event for event in vars(events).values() if isinstance(event, type) and issubclass(event, events.Event)]
+OF_PARTS = {"Emit", "discard_event"}
 ALL.remove(events.Event)
 ALL.remove(events.ClientEvent)
+
+
+def test_all_of_them_can_be_imported_and_nothing_that_they_use():
+    assert {*events.__all__} - OF_PARTS == {
+        event.__name__ for event in (*ALL, events.Event, events.ClientEvent, events.Level)
+    }
 
 
 def test_levels_are_those_of_logging():
