@@ -1,16 +1,21 @@
 """How Sphinx makes a site of these pages: `./deploy/go docs`."""
 
 import re
+import sys
 import tomllib
 from pathlib import Path
 
 from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "docs")]  # the gateway of this checkout, and what is beside this file
 SOURCE = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Source"]
 
 project = "modbus-gateway"
-extensions = ["myst_parser", "sphinx_copybutton"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton", "from_docstrings"]
+nitpicky = True
+autodoc_default_options = {"member-order": "bysource"}
+python_maximum_signature_line_length = 100
 exclude_patterns = ["pictures"]
 html_theme = "furo"
 html_title = "modbus-gateway"

@@ -2,7 +2,7 @@
 
 Events are for what is rare. What happens in every transaction is counted, by each part.
 
-Public are these classes and `Level`. `Emit` and `discard_event` are for the parts of the gateway, and may change.
+Public are these classes with their fields, `name` (`line_lost` for LineLost), `level`, `fields()` and `in_words()`.
 """
 
 from gateway.events.clients import *
@@ -11,6 +11,7 @@ from gateway.events.lines import *
 from gateway.events.remote import *
 from gateway.events.service import *
 
+#: `Emit` and `discard_event` are for the parts of the gateway, and not public.
 __all__ = (
     "AccessDenied",
     "AddressMoved",
