@@ -1,6 +1,6 @@
 """Writes down what is public of the gateway: each name that it exports, its members, and their signatures.
 
-    python tests/library/public_names.py > tests/library/public.txt
+    PYTHONPATH=. .venv/bin/python tests/library/public_names.py > tests/library/public.txt
 
 A signature is as it is written in the code, which is the same with every version of Python.
 """
@@ -16,6 +16,7 @@ from gateway import events
 
 #: What an event has for the parts of the gateway.
 _OF_PARTS = frozenset({"says", "begins", "ends", "of", "field_names"})
+_KINDS = frozenset({"property", "classmethod", "staticmethod"})
 
 
 def public_names() -> Iterator[str]:
@@ -61,7 +62,7 @@ def _said(part: ast.stmt) -> Iterator[str]:
 
 
 def _signature(function: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
-    kinds = [ast.unparse(decorator) for decorator in function.decorator_list]
+    kinds = [kind for kind in map(ast.unparse, function.decorator_list) if kind in _KINDS]
     kinds += ["async"] * isinstance(function, ast.AsyncFunctionDef)
     returned = f" -> {ast.unparse(function.returns)}" if function.returns else ""
     told = f"({ast.unparse(function.args)})" if "property" not in kinds else ""
