@@ -15,7 +15,8 @@ WHAT_TO_DO = """What a program may use of the gateway has changed:
 - A line is gone, or changed so that a program which was right now fails: put it back; or, if that cannot be, the next
   version is a major one.
 - A new line is a promise, kept until the next major version: is it one that a user has asked for?
-- Either way, write a line into CHANGELOG.md, then:  PYTHONPATH=. .venv/bin/python tests/library/public_names.py > tests/library/public.txt
+- Either way, write a line into CHANGELOG.md, then
+  PYTHONPATH=. .venv/bin/python tests/library/public_names.py > tests/library/public.txt
 """
 
 
