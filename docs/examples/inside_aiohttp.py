@@ -10,7 +10,8 @@ Whoever reaches this server may do what the program may: all, unless the config 
 
 import json
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack
 
 from aiohttp import web
 
@@ -18,14 +19,18 @@ from gateway import Busy, Gateway, LineDown, NoResponse, Refused, UnknownUnit
 
 CONFIG = web.AppKey("CONFIG", str)
 GATEWAY = web.AppKey("GATEWAY", Gateway)
+STACK = web.AppKey("STACK", AsyncExitStack)
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-async def run_gateway(app: web.Application) -> AsyncIterator[None]:
-    """Start the gateway with the server, and stop it with the server."""
-    async with Gateway.from_toml(app[CONFIG]) as gateway:
-        app[GATEWAY] = gateway
-        yield
+async def start(app: web.Application) -> None:
+    """Start the gateway before the server listens."""
+    app[GATEWAY] = await app[STACK].enter_async_context(Gateway.from_toml(app[CONFIG]))
+
+
+async def stop(app: web.Application) -> None:
+    """Stop the gateway before the server waits for its clients: that ends their streams of events."""
+    await app[STACK].aclose()
 
 
 async def get_point(request: web.Request) -> web.Response:
@@ -72,8 +77,9 @@ async def tell_errors(request: web.Request, handler: Handler) -> web.StreamRespo
 def application(config: str) -> web.Application:
     """Make the web application."""
     app = web.Application(middlewares=[tell_errors])
-    app[CONFIG] = config
-    app.cleanup_ctx.append(run_gateway)
+    app[CONFIG], app[STACK] = config, AsyncExitStack()
+    app.on_startup.append(start)
+    app.on_shutdown.append(stop)
     app.router.add_get("/units/{unit}/{point}", get_point)
     app.router.add_put("/units/{unit}/{point}", put_point)
     app.router.add_get("/events", stream_events)
@@ -81,4 +87,4 @@ def application(config: str) -> web.Application:
 
 
 if __name__ == "__main__":
-    web.run_app(application(sys.argv[1]), host="127.0.0.1", port=8080, shutdown_timeout=1)
+    web.run_app(application(sys.argv[1]), host="127.0.0.1", port=8080)

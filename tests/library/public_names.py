@@ -1,6 +1,6 @@
 """Writes down what is public of the gateway: each name that it exports, its members, and their signatures.
 
-    PYTHONPATH=. .venv/bin/python tests/library/public_names.py > tests/library/public.txt
+    python tests/library/public_names.py > tests/library/public.txt
 
 A signature is as it is written in the code, which is the same with every version of Python.
 """
@@ -16,6 +16,7 @@ from gateway import events
 
 #: What an event has for the parts of the gateway.
 _OF_PARTS = frozenset({"says", "begins", "ends", "of", "field_names"})
+#: The decorators that change how a method is used.
 _KINDS = frozenset({"property", "classmethod", "staticmethod"})
 
 
@@ -62,7 +63,7 @@ def _said(part: ast.stmt) -> Iterator[str]:
 
 
 def _signature(function: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
-    kinds = [kind for kind in map(ast.unparse, function.decorator_list) if kind in _KINDS]
+    kinds = [each for each in map(ast.unparse, function.decorator_list) if each in _KINDS]
     kinds += ["async"] * isinstance(function, ast.AsyncFunctionDef)
     returned = f" -> {ast.unparse(function.returns)}" if function.returns else ""
     told = f"({ast.unparse(function.args)})" if "property" not in kinds else ""

@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -26,7 +27,7 @@ class Program:
     """A program in Python, in which a warning is an error. In its context it runs; `stop` is Ctrl-C."""
 
     def __init__(self, file: Path, *words: str | Path) -> None:
-        self._whole = [sys.executable, "-X", "dev", "-W", "error", str(file), *map(str, words)]
+        self._whole = [sys.executable, "-W", "error", str(file), *map(str, words)]
         self._folder = file.parent
         self._lines: Queue[str | None] = Queue()
 
@@ -42,6 +43,8 @@ class Program:
         self._process.kill()
         self._process.wait()
         self._reader.join()
+        assert self._process.stdout
+        self._process.stdout.close()
 
     def line(self) -> str:
         """The next line that it prints."""
@@ -150,7 +153,7 @@ class TestInsideAiohttp:
             assert stream.readline() == b"event: write_audit\n"
             told = json.loads(stream.readline().removeprefix(b"data: "))
             assert told["level"] == "INFO"
-            assert told["text"].startswith("embedded wrote to oven, unit 3, address 8451")
+            assert told["text"].startswith("embedded wrote to unit 3, address 8451, count 1 ")
             assert json.loads(_http(web, "GET", "/units/oven/setpoint")[1])["value"] == 180
 
             assert _http(web, "GET", "/units/cellar/active-power")[0] == 404
@@ -159,7 +162,7 @@ class TestInsideAiohttp:
             assert _http(web, "PUT", "/units/oven/setpoint", "warm")[0] == 400
             assert _http(web, "PUT", "/units/grid/active-power", "1")[0] == 400
             code, rest = running.stop()
-            assert stream.read() == b"\n"
+            assert re.findall(rb"^event: (.*)$", stream.read(), re.MULTILINE)[-2:] == [b"stopping", b"stopped"]
             events.close()
         assert code == 0
         assert not [line for line in rest if "rror" in line or "arning" in line]
