@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from queue import Empty, Queue
 from struct import pack, unpack
@@ -69,6 +70,41 @@ class Program:
         self._lines.put(None)
 
 
+#: The example of the interface, as it was agreed on; only Clock has values, and stands before it is used.
+AGREED = """
+import asyncio
+from gateway import CustomUnit, Gateway
+
+class Clock(CustomUnit):
+    async def read(self, area, address, count): return [7] * count
+    async def write(self, area, address, values): ...
+
+async def main():
+    async with Gateway.from_toml("plant.toml", units={60: Clock()}) as gateway:
+        print(gateway.addresses)
+        silo = gateway.unit("silo-1")
+        print(await silo.read("weight"))
+        registers = await silo.read_holding(0, 10)
+        await silo.write("zero", 1)
+        async for event in gateway.events():
+            ...
+asyncio.run(main())
+"""
+AGREED_CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:5020"
+
+[[line]]
+port    = "/tmp/hall"
+baud    = 19200
+format  = "8E1"
+devices = [{ unit = 1, as = 41, name = "silo-1", points = [
+  { name = "weight", holding = 0, unit = "kg" },
+  { name = "zero", holding = 20, write = true },
+] }]
+"""
+
+
 def moved(text: str, folder: Path, port: int) -> str:
     """An example, with a serial port and a TCP port of this test."""
     return text.replace('"/tmp/', f'"{folder}/').replace(":5020", f":{port}")
@@ -103,6 +139,21 @@ def test_the_program_of_the_guide_does_what_its_comments_say(tmp_path: Path) -> 
         assert code == -signal.SIGINT
         assert rest[-1:] == ["KeyboardInterrupt"]
     assert not [line for line in rest if "rror:" in line or "arning:" in line]
+
+
+def test_the_program_that_the_interface_has(tmp_path: Path) -> None:
+    port = free_port()
+    (tmp_path / "plant.toml").write_text(moved(AGREED_CONFIG, tmp_path, port))
+    (tmp_path / "program.py").write_text(AGREED)
+    with simulated(tmp_path / "hall", "generic:1"), Program(tmp_path / "program.py") as program:
+        assert program.line() == f"['tcp://127.0.0.1:{port}']"
+        assert re.fullmatch(r"\d+ kg", program.line())
+        with ModbusTcpClient("127.0.0.1", port=port, timeout=PATIENCE) as client:
+            assert _eventually(lambda: client.read_holding_registers(20, device_id=41).registers == [1])
+            assert client.read_input_registers(3, count=2, device_id=60).registers == [7, 7]
+            assert not client.write_register(3, 1, device_id=60).isError()
+        code, rest = program.stop()
+    assert (code, rest[-1]) == (-signal.SIGINT, "KeyboardInterrupt")
 
 
 def test_a_computed_meter_is_the_sum_of_two(meters: tuple[Path, int]) -> None:
@@ -166,6 +217,14 @@ class TestInsideAiohttp:
             events.close()
         assert code == 0
         assert not [line for line in rest if "rror" in line or "arning" in line]
+
+
+def _eventually(holds: Callable[[], bool]) -> bool:
+    """Whether it holds within the time that a test has."""
+    end = time.monotonic() + PATIENCE
+    while not (held := holds()) and time.monotonic() < end:
+        time.sleep(0.02)
+    return held
 
 
 def _http(port: int, method: str, path: str, body: str | None = None) -> tuple[int, str]:
