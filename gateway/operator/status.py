@@ -352,7 +352,15 @@ def _moved(lines: Iterable[GatewayLine]) -> Iterator[MovedStatus]:
 
 def _image(image: Image) -> ImageStatus:
     settings, counts = image.settings, image.counts
-    return ImageStatus(settings.unit, settings.name, settings.source, counts.requests, counts.exceptions)
+    return ImageStatus(
+        unit=settings.unit,
+        name=settings.name,
+        source=settings.source,
+        requests=counts.requests,
+        exceptions=counts.exceptions,
+        python=settings.python,
+        timeout_ms=milliseconds(settings.timeout) if settings.python else 0.0,
+    )
 
 
 def _mirror(mirror: Mirror, now: float) -> MirrorStatus:

@@ -198,7 +198,7 @@ def _units(plan: Plan) -> Iterator[_Unit]:
 
 
 def _kind(image: ImageSettings) -> str:
-    return "gateway" if image.shows_gateway else "image"
+    return "gateway" if image.shows_gateway else "custom" if image.python else "image"
 
 
 def _picture(found: _Unit, gateway: Gateway, longest: Mapping[str, float]) -> UnitPicture:

@@ -304,10 +304,21 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
     ),
     Table[Status, ImageStatus](
         "Images",
-        lambda status: status.images,
+        lambda status: [image for image in status.images if not image.python],
         {
             "UNIT": lambda image: image.unit,
             "NAME": lambda image: image.name,
+            "REQUESTS": lambda image: image.requests,
+            "EXCEPTIONS": lambda image: image.exceptions,
+        },
+    ),
+    Table[Status, ImageStatus](
+        "Units made in Python",
+        lambda status: [image for image in status.images if image.python],
+        {
+            "UNIT": lambda image: image.unit,
+            "NAME": lambda image: image.name,
+            "CLASS": lambda image: image.python,
             "REQUESTS": lambda image: image.requests,
             "EXCEPTIONS": lambda image: image.exceptions,
         },

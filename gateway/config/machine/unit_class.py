@@ -2,17 +2,21 @@
 
 import inspect
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import wait
 from contextlib import redirect_stdout
+from functools import partial
 from importlib import import_module, invalidate_caches
 from pathlib import Path
 from traceback import extract_tb
 from types import ModuleType
-from typing import Final
+from typing import Final, TypeVar
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.images.custom_unit import CustomUnit
+
+T = TypeVar("T")
 
 #: How long a module may take to be imported, in seconds.
 IMPORT_TIME: Final = 10.0
@@ -29,12 +33,24 @@ def unit_trouble(python: str, folder: Path) -> WrongValue | None:
     """Say why the class cannot be used; None if it can. It is imported, for IMPORT_TIME; its prints go to stderr."""
     with redirect_stdout(sys.stderr):
         try:
-            ThreadPerCall(f"import {python}").submit(find_class, python, folder).result(IMPORT_TIME)
+            in_time(python, partial(find_class, python, folder))
         except WrongValue as wrong:
             return wrong
-        except TimeoutError:
-            return _too_slow(python)
     return None
+
+
+def in_time(python: str, call: Callable[[], T]) -> T:
+    """Carry out what has to do with the class `python` in a thread, and wait for it, for IMPORT_TIME at most.
+
+    Raises:
+        WrongValue: it takes longer; or what `call` raises.
+    """
+    outcome = ThreadPerCall(f"import {python}").submit(call)
+    done, _ = wait([outcome], IMPORT_TIME)
+    if not done:
+        what = f"{python} could not be imported and made within {IMPORT_TIME:g} s"
+        raise WrongValue(what, "let it do later what takes long, in read and write")
+    return outcome.result()
 
 
 def find_class(python: str, folder: Path) -> type[CustomUnit]:
@@ -57,11 +73,6 @@ def find_class(python: str, folder: Path) -> type[CustomUnit]:
     for what, remedy in _wrong_in(found):
         raise WrongValue(f"{python} {what} ({_place_of(module)})", remedy)
     return found
-
-
-def _too_slow(python: str) -> WrongValue:
-    what = f"{python.partition(':')[0]} was not imported within {IMPORT_TIME:g} s"
-    return WrongValue(what, "let its unit do later what takes long, in read and write")
 
 
 def _imported(name: str, folder: Path) -> ModuleType:

@@ -17,7 +17,7 @@ from gateway.profiles.profile import Profile
 #: The kinds of units whose values come from no device.
 OWN_VALUES: Final = ("image", "unit made in Python")
 #: All addresses of an area.
-_ALL: Final = ((0, MOST_ITEMS - 1),)
+EVERY_ADDRESS: Final = ((0, MOST_ITEMS - 1),)
 
 
 def kind_of(image: Image) -> Literal["image", "mirror", "virtual unit", "unit made in Python"]:
@@ -32,7 +32,7 @@ def image_settings(image: Image, profiles: Mapping[str, Profile]) -> ImageSettin
     profile = profiles[image.profile]
     areas = {area: ranges_in(area, image) for area in Area if ranges_in(area, image)}
     if image.python is not None and not areas:
-        areas = {area: ranges for area in Area if (ranges := profile.areas.get(area, _ALL))}
+        areas = {area: ranges for area in Area if (ranges := profile.areas.get(area, EVERY_ADDRESS))}
     return ImageSettings(
         unit=image.unit,
         name=image.label,

@@ -302,13 +302,18 @@ class MovedStatus:
 
 @dataclass(frozen=True, slots=True)
 class ImageStatus:
-    """A unit that the gateway answers itself."""
+    """A unit that the gateway answers itself.
+
+    `python` is the class of one that is made in Python, and `timeout_ms` how long it may take for a request.
+    """
 
     unit: int
     name: str
     source: str
     requests: int
     exceptions: int
+    python: str = ""
+    timeout_ms: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ class UnitHead:
 
     `unit` is None for a device that they ask by its name, or by a listener for its line or upstream. `kind` is device
     (on a line), upstream (a device behind another server), heard (a device on a line that only listens, where nothing
-    can be asked), image, mirror, virtual or gateway. `functions` is None if it
+    can be asked), image, mirror, virtual, custom (made in Python) or gateway. `functions` is None if it
     accepts all. `limits` are the most items by function. `areas` are the first and last address of each range that
     exists, by area; an area that is missing exists in full. Points are read together over gaps of at most `max_gap`
     addresses. Registers in `wide` have four bytes. A response takes at most `longest_wait_ms`; 0 for a unit that the
@@ -42,6 +42,11 @@ class UnitHead:
     def is_device(self) -> bool:
         """Whether it is a device, and not an image of any kind."""
         return self.kind in DEVICES
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether its values are known only when it is asked for them: not those of images."""
+        return self.is_device or self.kind == "custom"
 
     @property
     def key(self) -> int:

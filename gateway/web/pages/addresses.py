@@ -15,7 +15,7 @@ def path_of(kind: Literal["units", "images"], unit: UnitPicture) -> str:
 
 def page_of(unit: UnitPicture) -> str:
     """Return the path of the page that shows a unit."""
-    return path_of("units" if unit.is_device else "images", unit)
+    return path_of("units" if unit.is_asked else "images", unit)
 
 
 def see_other(target: str) -> web.Response:

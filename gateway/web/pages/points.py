@@ -41,10 +41,10 @@ class ShownPoint:
 
 def points_shown(operator: Operator, rights: WriteRights, unit: UnitPicture, request: web.Request) -> dict[str, Any]:
     """Collect what the template `points.html` shows."""
-    asker, is_device = asker_of(request), unit.is_device
-    last = last_read(operator, unit, asker) if is_device else None
+    asker = asker_of(request)
+    last = last_read(operator, unit, asker) if unit.is_asked else None
     return {
-        "points": _heard(operator, unit, asker, last) if is_device else _held(operator, unit, asker),
+        "points": _points(operator, unit, asker, last),
         "no_value": NO_VALUE,
         "can_be_read": bool(readable(unit)),
         "was_read_ago": None if last is None else last[1],
@@ -55,6 +55,26 @@ def points_shown(operator: Operator, rights: WriteRights, unit: UnitPicture, req
 def reference_of(point: Point) -> str:
     """Return the number that a point has in many manuals, with its bits."""
     return reference(point.area, point.address) + point.bits_shown
+
+
+def _points(
+    operator: Operator, unit: UnitPicture, asker: Asker, last: tuple[Outcome, float] | None
+) -> list[ShownPoint]:
+    if unit.is_device:
+        return _heard(operator, unit, asker, last)
+    return _read(unit, last) if unit.is_asked else _held(operator, unit, asker)
+
+
+def _read(unit: UnitPicture, last: tuple[Outcome, float] | None) -> list[ShownPoint]:
+    """List the points of a unit of which nothing is known but what was read `last`."""
+    outcome, age = last or (Outcome(), 0.0)
+    found = {each.point.name: each for each in outcome.readings}
+    return [
+        ShownPoint(point, reference_of(point), "", trouble=outcome.trouble_of(point))
+        if point.name not in found
+        else ShownPoint(point, reference_of(point), found[point.name].text, 1000 * age, "fresh")
+        for point in unit.points
+    ]
 
 
 def _heard(operator: Operator, unit: UnitPicture, asker: Asker, last: tuple[Outcome, float] | None) -> list[ShownPoint]:

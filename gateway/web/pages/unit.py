@@ -19,7 +19,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.passed import Passed, passed
 from gateway.operator.past import past_of
 from gateway.operator.requests import ask_for
-from gateway.operator.status import recent_status
+from gateway.operator.status import part_of_unit, recent_status
 from gateway.operator.unit_states import SLOTS, rests_ms, states_of
 from gateway.operator.unit_values import read, values_at
 from gateway.operator.values import Outcome
@@ -62,13 +62,13 @@ class UnitPage:
         ]
 
     async def show(self, request: web.Request) -> web.Response:
-        """Show one unit on a line or behind another server; one that the gateway answers itself is shown as an image.
+        """Show one unit on a line, behind another server or made in Python; all others are shown as images.
 
         Raises:
             WrongQuestion: there is none of this name.
         """
         unit, visitor = unit_in(request, self._operator), request[VISITOR]
-        if not unit.is_device:
+        if not unit.is_asked:
             return see_other(path_of("images", unit))
         try:
             failed, why = failures(self._operator.running, unit.name, visitor.host), ""
@@ -83,6 +83,7 @@ class UnitPage:
             in_thread=lambda: {"trend": trend()},
             unit=unit,
             status=status,
+            made=await part_of_unit(self._operator.gateway, unit.unit, unit.name) if unit.kind == "custom" else None,
             state=None if status is None else states_of([status], past_of(self._operator, SLOTS))[status.name],
             times=[(each, plotted(each)) for each in times],
             function_name=function_name,

@@ -3,7 +3,9 @@
 import pytest
 
 from gateway.config.load import parse
+from gateway.config.problem import WrongValue
 from gateway.config.resolve import resolve
+from gateway.modbus.codes import Area
 from kit.config_problems import LINE, problems
 
 
@@ -161,3 +163,54 @@ def test_a_mirror_whose_values_are_stale_before_they_are_polled_again(every):
             " | make stale two or three times as long as every"
         )
     ]
+
+
+MADE = '[[image]]\nunit = 60\npython = "clock:Clock"\n'
+
+
+def test_a_unit_made_in_python_has_all_addresses_unless_it_names_some():
+    every = ((0, 65535),)
+    assert problems(MADE) == []
+    [one] = resolve(parse(MADE).config).images
+    assert (one.python, one.timeout, {*one.areas.values()}, len(one.areas)) == ("clock:Clock", 1.0, {every}, 4)
+    [one] = resolve(parse(MADE + 'timeout = "200 ms"\nholding = "5-9"\n').config).images
+    assert (one.timeout, one.areas) == (0.2, {Area.HOLDING: ((5, 9),)})
+
+
+def test_a_unit_made_in_python_has_the_addresses_of_its_profile():
+    profile = '[profile.meter]\nholding = "0-3"\ncoils = []\n'
+    [one] = resolve(parse(MADE + 'profile = "meter"\n' + profile).config).images
+    assert one.areas == {
+        Area.HOLDING: ((0, 3),),
+        Area.INPUT: ((0, 65535),),
+        Area.DISCRETE: ((0, 65535),),
+    }
+
+
+def test_a_unit_made_in_python_has_nothing_of_the_other_kinds():
+    keys = ['of = "one"', 'read = [{ holding = 0, every = "1 s" }]', 'stale = "1 s"', 'when_stale = "hold"']
+    keys += ['persist = "always"', "initial.holding = [{ at = 0, values = [1] }]", 'map = [{ at = 0, age = "one" }]']
+    for key in keys:
+        name = key.partition(" ")[0].partition(".")[0]
+        assert (
+            f"error: image[0].{name}: a unit made in Python has what its class says | take the key out, or python"
+            in problems(MADE + key + "\n" + LINE)
+        )
+
+
+def test_only_a_unit_made_in_python_has_a_timeout():
+    assert problems('[[image]]\nunit = 1\ncoils = 1\ntimeout = "1 s"\n') == [
+        ('error: image[0].timeout: only a unit made in Python has this key | name its class: python = "module:Name"')
+    ]
+
+
+def test_why_a_class_cannot_be_used_is_an_error_at_its_place():
+    found = parse(MADE, unit_trouble=lambda python: WrongValue(f"{python} is wrong", "mend it")).problems
+    assert [str(each) for each in found] == [
+        "gateway.toml:3:10: error: image[0].python: clock:Clock is wrong\n  help: mend it"
+    ]
+
+
+def test_a_row_of_a_virtual_unit_may_read_a_unit_made_in_python():
+    row = '[[image]]\nunit = 61\nmap = [{ at = 0, device = "image-60", holding = "0-3", every = "1 s" }]\n'
+    assert problems(MADE + row) == []
