@@ -90,12 +90,13 @@ def _imported(name: str, folder: Path) -> ModuleType:
         missing = error.name if isinstance(error, ModuleNotFoundError) else None
         if missing is not None and f"{name}.".startswith(f"{missing}."):
             raise _no_module(missing, folder) from None
-        raise WrongValue(f"{name} cannot be imported: {told(error)}", _advise_on(error)) from None
+        remedy = "" if missing is None else _how_to_install(missing, folder)
+        raise WrongValue(f"{name} cannot be imported: {told(error)}", remedy) from None
 
 
 def _no_module(name: str, folder: Path) -> WrongValue:
     beside = sorted({each.stem for each in folder.glob("*.py")} - {*_NO_MODULES})
-    what = f"there is no module {name}: none is installed in {sys.prefix}, and none is in {folder}"
+    what = f"there is no module {name}: neither installed for {sys.executable} nor in {folder}"
     return WrongValue(what, did_you_mean(name, beside) or f"put {name}.py beside the config")
 
 
@@ -109,10 +110,11 @@ def told(error: BaseException) -> str:
     return said if is_here else f"{said} ({ours[-1].filename}, line {ours[-1].lineno})"
 
 
-def _advise_on(error: BaseException) -> str:
-    if isinstance(error, ModuleNotFoundError):
+def _how_to_install(missing: str, folder: Path) -> str:
+    """Say where a module is found that others need; the Debian package has no place for what is installed."""
+    if any(each.endswith(("site-packages", "dist-packages")) for each in sys.path):
         return f"install it for the Python of the gateway, {sys.executable}"
-    return ""
+    return f"pip install --target {folder} {missing.partition('.')[0]}"
 
 
 def _units_in(module: ModuleType) -> Iterator[type[CustomUnit]]:

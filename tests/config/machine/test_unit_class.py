@@ -37,7 +37,7 @@ def said(folder, python):
     trouble = unit_trouble(python, folder)
     assert trouble is not None
     told = f"{trouble} | {trouble.remedy}" if trouble.remedy else str(trouble)
-    return told.replace(str(folder), "FOLDER").replace(sys.executable, "PYTHON").replace(sys.prefix, "PREFIX")
+    return told.replace(str(folder), "FOLDER").replace(sys.executable, "PYTHON")
 
 
 def test_a_module_beside_the_config_is_found_and_may_be_used(folder):
@@ -84,11 +84,11 @@ def test_what_a_module_prints_is_no_answer_of_a_command(folder, capsys):
     [
         (
             "clock_x:Clock",
-            'there is no module clock_x: none is installed in PREFIX, and none is in FOLDER | did you mean "clock_a"?',
+            'there is no module clock_x: neither installed for PYTHON nor in FOLDER | did you mean "clock_a"?',
         ),
         (
             "zzz.b:Clock",
-            "there is no module zzz: none is installed in PREFIX, and none is in FOLDER | known here: clock_a",
+            "there is no module zzz: neither installed for PYTHON nor in FOLDER | known here: clock_a",
         ),
         ("clock_a:Clok", 'clock_a has no class Clok (FOLDER/clock_a.py) | did you mean "Clock"?'),
         ("sys:Clock", "sys has no class Clock (it is a part of Python)"),
@@ -100,7 +100,7 @@ def test_a_name_that_leads_to_nothing(folder, python, told):
 
 
 def test_a_folder_without_modules(folder):
-    assert said(folder, "clock_x:Clock").endswith("none is in FOLDER | put clock_x.py beside the config")
+    assert said(folder, "clock_x:Clock").endswith("nor in FOLDER | put clock_x.py beside the config")
 
 
 @pytest.mark.parametrize(
@@ -133,6 +133,12 @@ def test_a_module_whose_code_fails_is_told_in_one_line(folder, module, told):
     write(folder, module)
     assert said(folder, "clock_a:Clock").startswith(told)
     assert "\n" not in said(folder, "clock_a:Clock")
+
+
+def test_what_a_module_needs_is_put_beside_the_config_where_nothing_else_is_found(folder, monkeypatch):
+    monkeypatch.setattr(sys, "path", [each for each in sys.path if "-packages" not in each])
+    write(folder, "import no_such.library\n")
+    assert said(folder, "clock_a:Clock").endswith(" | pip install --target FOLDER no_such")
 
 
 @pytest.mark.parametrize(
