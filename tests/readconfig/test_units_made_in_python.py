@@ -1,0 +1,76 @@
+"""Units made in Python in a config that is read by a process of its own."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from gateway.readconfig.process import read_config
+from gateway.readconfig.text_check import check_text
+
+CONFIG = '[[image]]\nunit = 60\npython = "clock_p:Clock"\n'
+CLOCK = """\
+from gateway import CustomUnit
+
+class Clock(CustomUnit):
+    async def read(self, area, address, count):
+        return [1] * count
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    file = tmp_path / "gateway.toml"
+    file.write_text(CONFIG)
+    return file
+
+
+def write(file: Path, text: str = CLOCK) -> None:
+    (file.parent / "clock_p.py").write_text(text)
+
+
+def test_the_class_beside_the_config_is_imported_there_and_not_here(file):
+    write(file)
+    read = read_config(file)
+    assert (read.plan.images[0].python, read.errors) == ("clock_p:Clock", ())
+    assert "clock_p" not in sys.modules
+    assert str(file.parent) not in sys.path
+
+
+def test_the_folder_is_that_of_the_config_wherever_the_process_works(file, monkeypatch):
+    write(file)
+    monkeypatch.chdir(file.parent)
+    assert read_config(Path("gateway.toml")).errors == ()
+    monkeypatch.chdir("/")
+    assert read_config(file).errors == ()
+
+
+def test_a_changed_module_is_read_anew_each_time(file):
+    write(file)
+    assert read_config(file).errors == ()
+    write(file, CLOCK.replace("Clock", "Uhr"))
+    assert "clock_p has no class Clock" in read_config(file).errors[0]
+
+
+def test_its_prints_are_not_taken_for_the_answer(file):
+    write(file, f"print('hello')\n{CLOCK}")
+    assert read_config(file).errors == ()
+
+
+@pytest.mark.parametrize("look_around", [False, True])
+def test_what_is_wrong_with_it_is_an_error_in_its_line(file, look_around):
+    write(file, "1 / 0\n")
+    [error] = read_config(file, look_around=look_around).errors
+    folder = file.parent
+    assert error == (
+        f"{file}:3:10: error: image[0].python: clock_p cannot be imported: ZeroDivisionError: division by zero "
+        f"({folder}/clock_p.py, line 1)"
+    )
+
+
+def test_in_a_text_it_is_not_imported_and_that_is_said(file):
+    write(file, f"open({str(file.parent / 'was-imported')!r}, 'w')\n{CLOCK}")
+    checked = check_text(file, CONFIG, CONFIG)
+    assert (checked.problems, checked.notes[-1]) == ((), "not imported: clock_p:Clock")
+    assert not (file.parent / "was-imported").exists()
+    assert "not imported" not in str(check_text(file, "[[image]]\nunit = 1\ncoils = 1\n", CONFIG).notes)
