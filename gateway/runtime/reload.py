@@ -16,6 +16,7 @@ from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
 from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.readconfig.process import READING_TIME, ReadConfig, read_config
+from gateway.runtime.custom_units import outdated
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.outcome import Outcome
 from gateway.runtime.running import Running
@@ -147,6 +148,7 @@ class Reloader:
             async with asyncio.timeout(LOADING_TIME):
                 certificates, unusable = await loop.run_in_executor(ThreadPerCall("read certificates"), _load, new)
                 await loop.run_in_executor(ThreadPerCall("read state"), self._running.builder.prepare, new)
+                old_code = await loop.run_in_executor(ThreadPerCall("look at modules"), list, outdated(new.images))
             defect = await self._switch(self._running.builder.build(new, self._running.gateway), certificates)
         except TimeoutError:
             return self._rejected((f"what images keep, or certificates, cannot be read within {LOADING_TIME:g} s",))
@@ -157,7 +159,8 @@ class Reloader:
         self.applied_at = loop.time()
         self._running.reload_succeeded = not defect
         warnings = (*map(str, loaded.problems), *unusable)
-        outcome = replace(changed(old, new, self.at_start), warnings=warnings, defect=defect)
+        outcome = changed(old, new, self.at_start)
+        outcome = replace(outcome, restart=(*outcome.restart, *old_code), warnings=warnings, defect=defect)
         warn(loaded.problems, self._running.emit)
         warn_of_certificates(certificates, self._running.emit)
         for said in unusable:
