@@ -12,14 +12,13 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.config.load import load, parse
 from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve
-from gateway.errors import ConfigError, UnknownUnit, WrongQuestion
+from gateway.errors import ConfigError
 from gateway.images.custom_unit import CustomUnit
 from gateway.library.life import Life
 from gateway.library.log import log_event
 from gateway.library.unit_client import UnitClient
 from gateway.observe.fan_out import FanOut
 from gateway.operator.operator import Operator
-from gateway.operator.units import picture
 from gateway.ports.opener import make_opener
 from gateway.runtime.reload import Reloader, warn_of_certificates
 from gateway.runtime.running import Running
@@ -85,12 +84,7 @@ class Gateway:
         Raises:
             UnknownUnit: there is none.
         """
-        operator = self._asked()
-        try:
-            found = picture(operator.gateway, unit)
-        except WrongQuestion as wrong:
-            raise UnknownUnit(str(wrong)) from None
-        return UnitClient(operator, found.key, found.name)
+        return UnitClient(self._asked, unit)
 
     async def __aenter__(self) -> Self:
         """Start: listen, and open the lines. If this is cancelled, all is closed again.

@@ -1,15 +1,18 @@
 """The value of a point."""
 
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from time import monotonic
+from typing import Self
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
     """The `value` of a point in its `unit`, such as `kg`; None if the device says that there is none.
 
-    `time` is when the answer came that holds it, in UTC.
+    It is a number; text, or one of the point's labels; True or False for a bit. `time`, in UTC, is when the answer came
+    that has it; of a mirror or a virtual unit, when the poll was asked that it is from. So it is never older than its
+    `age` says, by more than the answer took.
     """
 
     point: str
@@ -17,6 +20,11 @@ class Reading:
     unit: str = ""
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
     _taken: float = field(default_factory=monotonic, repr=False, compare=False)
+
+    @classmethod
+    def of_age(cls, point: str, value: float | str | bool | None, unit: str, age: float) -> Self:  # noqa: FBT001 - a bit
+        """Make one that is `age` seconds old now."""
+        return cls(point, value, unit, datetime.now(UTC) - timedelta(seconds=age), monotonic() - age)
 
     @property
     def age(self) -> float:

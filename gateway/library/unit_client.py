@@ -1,94 +1,234 @@
 """A unit, as the program asks it that the gateway is a part of."""
 
-import asyncio
-from collections.abc import Callable, Coroutine
-from typing import Any, Final, TypeVar
+from collections.abc import Callable, Sequence
+from struct import unpack
+from typing import Final
 
 from gateway.config.values.reserved_names import EMBEDDED
-from gateway.errors import (
-    Busy,
-    DeviceFailure,
-    IllegalAddress,
-    IllegalFunction,
-    IllegalValue,
-    LineDown,
-    NoResponse,
-    Refused,
-    RequestError,
-)
+from gateway.errors import BrokenResponse, Busy, ChangedMeanwhile, DoesNotFit, UnitFailed, UnknownUnit, WrongQuestion
+from gateway.library.addresses import span_to_read, span_to_write
+from gateway.library.anywhere import anywhere
+from gateway.library.failures import failure
 from gateway.library.reading import Reading
-from gateway.modbus.codes import EXCEPTION_BIT, Area
-from gateway.modbus.pdu import Span
+from gateway.library.sampled import Sampled
+from gateway.modbus.codes import EXCEPTION_BIT, MAX_PDU, Area
+from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.complaint import Complaint
+from gateway.operator.last_values import readable
+from gateway.operator.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.requests import AwaitedOrigin
-from gateway.registers.items import items_read, read_request
-from gateway.request import Caller, Request
+from gateway.operator.reached import Readable, ReadableHoles, holes_of
+from gateway.operator.requests import Ask, AwaitedOrigin, ask_for, send
+from gateway.operator.unit_values import assigned, carried_out, point_named
+from gateway.operator.units import picture
+from gateway.operator.values import Outcome, Step, Steps, reading, writing
+from gateway.profiles.point import Point
+from gateway.registers.items import REGISTER, items_read, read_request, write_request
+from gateway.request import Caller
+from gateway.runtime.gateway import Gateway
 
-T = TypeVar("T")
 
-#: The caller of all requests of the program.
-CALLER: Final = Caller.without_address(EMBEDDED)
+def _is_there() -> bool:
+    return True
 
-_BY_CODE: Final[dict[int, Callable[[str], RequestError]]] = {
-    error.code: error
-    for error in (IllegalFunction, IllegalAddress, IllegalValue, DeviceFailure, Busy, LineDown, NoResponse)
-}
+
+#: Who asks: the program.
+_ASKER: Final = Asker(Caller.without_address(EMBEDDED), _is_there, door="embedded")
 
 
 class UnitClient:
     """A unit that the program reads and writes: as any client, with queue, limits, late windows, audit and rights.
 
-    What it returns is the answer to its own request. Each method raises `NoResponse`, `Busy`, `LineDown` or `Refused`,
-    which have the exception's `code`. Cancelling drops a request that waits; what was sent stays sent.
+    What a method returns is the answer to its own request. Methods may be awaited in the loop of another thread, too.
+    Cancelling drops a request that waits; what was sent stays sent.
+
+    Each method raises `ValueError` for what fits neither the protocol nor the config, before anything is sent;
+    `UnknownUnit` if the config has no such point, or since a reload no such unit; else `Refused`, `Busy`, `LineDown` or
+    `NoResponse`, which have the `code` of the exception. After a `NoResponse` the device may have acted. Once the
+    gateway has stopped it is `RuntimeError`.
     """
 
-    def __init__(self, operator: Operator, unit: int, name: str) -> None:
-        """Use `Gateway.unit` to get one."""
-        self.name: Final = name
+    def __init__(self, operator: Callable[[], Operator], unit: int | str) -> None:
+        """Use `Gateway.unit` to get one. `operator` returns that of the gateway, and raises once this has stopped.
+
+        Raises:
+            UnknownUnit: there is no such unit.
+        """
         self._operator = operator
-        self._unit = unit
-        self._loop = asyncio.get_running_loop()
+        self._wanted = unit
+        self._gateway: Gateway | None = None
+        self._found = self._unit(operator())
+        self._loop = operator().running.builder.loop
 
-    async def request(self, pdu: bytes) -> bytes:
-        """Send a request PDU, and return the response PDU."""
-        return await self._over(self._request(pdu))
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self._found.name
 
-    async def read_holding(self, address: int, count: int = 1) -> list[int]:
-        """Read `count` holding registers from `address` on, as 0-65535."""
-        return await self._read(Area.HOLDING, address, count)
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.name}>"
 
+    @anywhere
     async def read(self, point: str) -> Reading:
-        """Read a point by its name."""
-        raise NotImplementedError
+        """Read a point."""
+        return (await self._read_points((point,)))[point]
 
-    async def _read(self, area: Area, address: int, count: int) -> list[int]:
-        span = Span(area, address, count)
-        items = items_read(span, await self.request(read_request(span)))
-        return [int.from_bytes(items[at : at + 2], "big") for at in range(0, len(items), 2)]
+    @anywhere
+    async def read_points(self, *points: str) -> dict[str, Reading]:
+        """Read points in as few requests as the unit allows; without names all that can be read.
 
-    async def _request(self, pdu: bytes, in_one_turn: int = 0) -> bytes:
-        loop = self._loop
-        origin = AwaitedOrigin(lambda: True, CALLER)
-        request = Request(self._unit, pdu, origin, loop.time())
-        request.in_one_turn = in_one_turn
-        self._operator.running.routers.embedded.submit(request, request.received_at)
+        Raises an error if one of them could not be read.
+        """
+        return await self._read_points(points)
+
+    @anywhere
+    async def read_holding(self, address: int, count: int = 1) -> list[int]:
+        """Read holding registers from `address` on, as 0-65535; with one request, so at most 125."""
+        return await self._read_registers(Area.HOLDING, address, count)
+
+    @anywhere
+    async def read_input(self, address: int, count: int = 1) -> list[int]:
+        """Read input registers from `address` on, as 0-65535; with one request, so at most 125."""
+        return await self._read_registers(Area.INPUT, address, count)
+
+    @anywhere
+    async def read_coils(self, address: int, count: int = 1) -> list[bool]:
+        """Read coils from `address` on; with one request, so at most 2000."""
+        return [*map(bool, (await self._read(Area.COILS, address, count))[0])]
+
+    @anywhere
+    async def read_discrete(self, address: int, count: int = 1) -> list[bool]:
+        """Read discrete inputs from `address` on; with one request, so at most 2000."""
+        return [*map(bool, (await self._read(Area.DISCRETE, address, count))[0])]
+
+    @anywhere
+    async def write(self, point: str, value: float | str | bool) -> None:  # noqa: FBT001 - what a bit is
+        """Write a point: a number, one of its labels, text, or True or False for a bit."""
+        operator = self._operator()
+        unit = self._unit(operator)
+        found = _named(unit, point)
         try:
-            error, response = await origin.outcome
-        except asyncio.CancelledError:
-            request.give_up()
-            raise
+            steps = writing(assigned(unit, [found], [value]))
+            outcome = await self._carried_out(steps, ask_for(operator, unit.key, _ASKER))
+        except DoesNotFit as wrong:
+            raise ValueError(f"{unit.name}, {point}: {wrong}") from None
+        if outcome.failures:
+            raise failure(unit.name, point, outcome.failures[0].answer.complaint)
+
+    @anywhere
+    async def write_holding(self, address: int, values: Sequence[int]) -> None:
+        """Write holding registers from `address` on, each 0-65535; with one request, so at most 123."""
+        await self._write(Area.HOLDING, address, values)
+
+    @anywhere
+    async def write_coils(self, address: int, values: Sequence[bool]) -> None:
+        """Write coils from `address` on; with one request, so at most 1968."""
+        await self._write(Area.COILS, address, values)
+
+    @anywhere
+    async def request(self, pdu: bytes) -> bytes:
+        """Send a request PDU, and return the response PDU; it is empty if there is none, as to function 08/04."""
+        if not 1 <= len(pdu) <= MAX_PDU:
+            raise ValueError(f"a request PDU has 1 to {MAX_PDU} bytes, and not {len(pdu)}")
+        return await self._asked(self._operator(), bytes(pdu), f"function {pdu[0]}")
+
+    async def _read_registers(self, area: Area, address: int, count: int) -> list[int]:
+        items, width = await self._read(area, address, count)
+        return [*unpack(f">{len(items) // width}{'H' if width == REGISTER else 'I'}", items)]
+
+    async def _read(self, area: Area, address: int, count: int) -> tuple[bytes, int]:
+        """Read items, and return the bytes of a register too."""
+        operator = self._operator()
+        span, width = span_to_read(self._unit(operator), area, address, count)
+        what = f"{area} {span.addresses}"
+        response = await self._asked(operator, read_request(span), what)
+        try:
+            return items_read(span, response, width), width
+        except ValueError as wrong:
+            raise BrokenResponse(f"{self.name}, {what}: {wrong}") from None
+
+    async def _write(self, area: Area, address: int, values: Sequence[int]) -> None:
+        operator = self._operator()
+        unit = self._unit(operator)
+        span, width, items = span_to_write(unit, area, address, values)
+        pdu = write_request(area, span.start, items, unit.functions, width=width)
+        await self._asked(operator, pdu, f"{area} {span.addresses}")
+
+    async def _asked(self, operator: Operator, pdu: bytes, what: str) -> bytes:
+        """Send a request to the unit; `what` it is for, in errors."""
+        unit, origin = self._unit(operator), AwaitedOrigin(_is_there, _ASKER.caller)
+        done = await send(operator.running.routers.embedded, unit.key, Step(pdu), origin)
+        response, error = done.pdu or b"", done.error
         if error is not None:
-            raise error
-        if response is None:
-            return b""
-        if response[0] & EXCEPTION_BIT:
-            code = response[1]
-            message = f"{self.name} answered with exception {code:02X}"
-            raise _BY_CODE[code](message) if code in _BY_CODE else Refused(message, code)
+            raise failure(unit.name, what, Complaint(error.code, error.result, str(error)))
+        if response and response[0] & EXCEPTION_BIT:
+            raise failure(unit.name, what, Complaint(response[1]))
         return response
 
-    async def _over(self, work: Coroutine[Any, Any, T]) -> T:
-        """Carry out `work` in the gateway's loop, from whichever loop it is awaited."""
-        if asyncio.get_running_loop() is self._loop:
-            return await work
-        return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, self._loop))
+    async def _read_points(self, names: Sequence[str]) -> dict[str, Reading]:
+        operator = self._operator()
+        unit = self._unit(operator)
+        points = [_to_read(unit, name) for name in dict.fromkeys(names)] if names else readable(unit)
+        if not points:
+            raise UnknownUnit(f"{unit.name} has no points to read: its profile gives names to registers")
+        gateway = operator.gateway
+        sampled = Sampled(gateway, unit.key, _ASKER)
+        may_read = Readable(operator.running.routers.embedded, "", unit.key)
+        steps = reading(points, unit.read_rules, ReadableHoles(holes_of(gateway, unit.key), may_read))
+        outcome = await self._carried_out(steps, ask_for(operator, unit.key, _ASKER, sampled.origin))
+        if outcome.failures:
+            _refuse(unit, points, outcome)
+        return {
+            each.point.name: Reading.of_age(
+                each.point.name,
+                bool(each.value) if each.point.is_bit and each.value in (0, 1) else each.value,
+                each.point.unit,
+                sampled.age(each.point.read_span),
+            )
+            for each in outcome.readings
+        }
+
+    async def _carried_out(self, steps: Steps, ask: Ask) -> Outcome:
+        try:
+            return await carried_out(steps, ask)
+        except ChangedMeanwhile as wrong:
+            raise Busy(f"{self.name}: {wrong}") from None
+        except UnitFailed as wrong:
+            raise BrokenResponse(f"{self.name}: {wrong}") from None
+
+    def _unit(self, operator: Operator) -> UnitPicture:
+        """Describe the unit; anew after a reload.
+
+        Raises:
+            UnknownUnit: there is none any more.
+        """
+        gateway = operator.gateway
+        if gateway is not self._gateway:
+            try:
+                self._found = picture(gateway, self._wanted)
+            except WrongQuestion as wrong:
+                raise UnknownUnit(str(wrong)) from None
+            self._gateway = gateway
+        return self._found
+
+
+def _named(unit: UnitPicture, name: str) -> Point:
+    try:
+        return point_named(unit, name)
+    except WrongQuestion as wrong:
+        raise UnknownUnit(str(wrong)) from None
+
+
+def _to_read(unit: UnitPicture, name: str) -> Point:
+    point = _named(unit, name)
+    if point.write == "only":
+        raise ValueError(f"{unit.name}, {name}: it can be written, but not read")
+    return point
+
+
+def _refuse(unit: UnitPicture, points: Sequence[Point], outcome: Outcome) -> None:
+    """Raise the error for the first point that could not be read."""
+    for point in points:
+        trouble = outcome.trouble_of(point)
+        if trouble is not None:
+            raise failure(unit.name, point.name, trouble)

@@ -84,6 +84,17 @@ def kept(gateway: Gateway, unit: int, spans: Sequence[Span], now: float) -> list
     ]
 
 
+def sampled(image: Held, span: Span, now: float) -> Iterator[tuple[Span, float]]:
+    """Yield the addresses that `span` touches whose values were polled, and when; whatever else there is has no age."""
+    if isinstance(image, Mirror):
+        places = ((part.span, part.age(now)) for part in image.parts if part.span.touches(span))
+    elif isinstance(image, VirtualUnit):
+        places = ((row.place, row.age(now)) for row in image.block.touched(span).rows)
+    else:
+        return
+    yield from ((place, now - age) for place, age in places if age is not None)
+
+
 def mirrors_of(gateway: Gateway, unit: int) -> list[str]:
     """List the names of a device's mirrors."""
     device = device_of(gateway, unit)

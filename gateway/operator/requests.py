@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Final, NamedTuple
 
 from gateway.config.values.reserved_names import CONTROL
@@ -60,12 +61,13 @@ class Done(NamedTuple):
 Ask = Callable[[Step], Awaitable[Answer]]
 
 
-def ask_for(operator: Operator, unit: int, asker: Asker) -> Ask:
+def ask_for(operator: Operator, unit: int, asker: Asker, make_origin: Callable[[], AwaitedOrigin] | None = None) -> Ask:
     """Make a function that sends requests to a unit with the asker's rights, while its target stays the same.
 
     After a reload that changed the target it raises ChangedMeanwhile. Call this as soon as the unit is known, before
-    any wait.
+    any wait. `make_origin` makes the origin of each request; by default it only awaits its outcome.
     """
+    make_origin = make_origin or partial(AwaitedOrigin, asker.is_there, asker.caller)
     expected = target(operator.gateway, unit)
     called = f"unit {unit}" if unit <= HIGHEST_UNIT else "the device"
 
@@ -74,7 +76,7 @@ def ask_for(operator: Operator, unit: int, asker: Asker) -> Ask:
             await operator.running.settled()
         if target(operator.gateway, unit) is not expected:
             raise ChangedMeanwhile(f"{called} has changed by a reload: ask again")
-        done = await send(operator.router(asker.door), unit, step, AwaitedOrigin(asker.is_there, asker.caller))
+        done = await send(operator.router(asker.door), unit, step, make_origin())
         response = exception_response(step.pdu[0], 0) if done.pdu is None else done.pdu
         if done.error is None:
             return Answer(response, done.elapsed_ms)
@@ -122,13 +124,17 @@ def _missing_site(gateway: Gateway, unit: int) -> str:
 
 
 async def send(router: Router, unit: int, step: Step, question: AwaitedOrigin) -> Done:
-    """Send a request through `router`, and wait for its outcome."""
+    """Send a request through `router`, and wait for its outcome. If this is cancelled while it waits, it is dropped."""
     now = asyncio.get_running_loop().time
     started = now()
     request = Request(unit, step.pdu, question, started)
     request.in_one_turn = step.in_one_turn
     router.submit(request, started)
-    error, response = await question.outcome
+    try:
+        error, response = await question.outcome
+    except asyncio.CancelledError:
+        request.give_up()
+        raise
     return Done(response, started, round((now() - started) * 1000, 1), error)
 
 

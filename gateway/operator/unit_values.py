@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
+from gateway.config.problem import did_you_mean
 from gateway.errors import DoesNotFit, ExceptionReceived, Malformed, WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
@@ -67,7 +68,8 @@ def point_named(unit: UnitPicture, name: str) -> Point:
     for point in unit.points:
         if point.name == name:
             return point
-    raise WrongQuestion(f"unit {unit.unit} has no point {name}")
+    remedy = did_you_mean(name, (point.name for point in unit.points))
+    raise WrongQuestion(f'{unit.name or unit.unit} has no point "{name}"' + (f"; {remedy}" if remedy else ""))
 
 
 async def read(
