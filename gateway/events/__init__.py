@@ -39,6 +39,7 @@ __all__ = (
     "EchoHeard",
     "Emit",
     "Event",
+    "EventsDropped",
     "FleetBucketUnsafe",
     "FleetLost",
     "FleetRefused",

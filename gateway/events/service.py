@@ -117,6 +117,15 @@ class PartFailed(Event):
         return cls(part, repr(error), "".join(format_exception(error)))
 
 
+class EventsDropped(Event):
+    """Events are missing here, `write_audits` among them: the log, or what follows the events, is too slow for them."""
+
+    level = Level.WARNING
+    says = "{dropped} events are missing here, {write_audits} write audits among them"
+    dropped: int
+    write_audits: int
+
+
 class StateNotKept(Event):
     """Values that must be kept over a restart could not be written to their file."""
 

@@ -3,6 +3,9 @@
 - gateway         a gateway that a program starts and stops
 - life            the task of such a gateway
 - unit_client     a unit, to be read and written
-- reading         the value of a point
-- log             events, for Python's logging
+- addresses       addresses and values, checked before anything is sent
+- reading, sampled    the value of a point, and when it was sampled
+- failures        the errors for exceptions
+- anywhere        methods that can be awaited in any loop
+- event_stream, log    events, for the program and for Python's logging
 """

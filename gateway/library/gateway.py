@@ -1,7 +1,8 @@
 """A gateway that a program starts and stops."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
+from contextlib import closing
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -13,7 +14,9 @@ from gateway.config.load import load, parse
 from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve
 from gateway.errors import ConfigError
+from gateway.events import Event
 from gateway.images.custom_unit import CustomUnit
+from gateway.library.event_stream import EventStreams
 from gateway.library.life import Life
 from gateway.library.log import log_event
 from gateway.library.unit_client import UnitClient
@@ -46,6 +49,7 @@ class Gateway:
         self._text = text
         self._file = file
         self._units = units or {}
+        self._events = EventStreams(log_event)
         self._life: Life | None = None
         self._operator: Operator | None = None
 
@@ -86,6 +90,14 @@ class Gateway:
         """
         return UnitClient(self._asked, unit)
 
+    def events(self) -> AsyncIterator[Event]:
+        """Open a stream of the events from now on, those from INFO on, which ends when the gateway has stopped.
+
+        Before the start it has those of the start too. It is for one reader; any number may be open, and one that is
+        not read on need not be closed. Where it was read too slowly, an `EventsDropped` says how many are missing.
+        """
+        return self._events.open()
+
     async def __aenter__(self) -> Self:
         """Start: listen, and open the lines. If this is cancelled, all is closed again.
 
@@ -122,24 +134,27 @@ class Gateway:
 
     async def _run(self, ready: "_Ready", stop: Stop) -> None:
         """Run until `stop`, as the daemon does."""
-        plan, fan_out, loop = self._plan, FanOut(log_event), asyncio.get_running_loop()
-        contexts = TlsStore()
-        if plan.secured:
-            certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, plan.secured)
-            warn_of_certificates(certificates, fan_out.emit)
-            contexts.adopt(certificates)
-        running = Running(plan, partial(make_opener, store=contexts), fan_out.emit, contexts=contexts)
-        reloader = Reloader(self._file, running, ready, text=self._text)
-        operator = Operator(running, reloader, events=fan_out.last)
-        pages = None
-        if plan.web is not None:  # only then is its library loaded
-            opening = await loop.run_in_executor(ThreadPerCall("load web"), import_module, "gateway.web.front.opening")
-            pages = opening.web_pages(plan.web, operator, fan_out, None)
-        self._operator = operator
-        try:
-            await serve(running, stop, ready, reloader, pages)
-        finally:
-            self._operator = None
+        with closing(self._events):
+            plan, fan_out, loop = self._plan, FanOut(self._events.emit), asyncio.get_running_loop()
+            contexts = TlsStore()
+            if plan.secured:
+                certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, plan.secured)
+                warn_of_certificates(certificates, fan_out.emit)
+                contexts.adopt(certificates)
+            running = Running(plan, partial(make_opener, store=contexts), fan_out.emit, contexts=contexts)
+            reloader = Reloader(self._file, running, ready, text=self._text)
+            operator = Operator(running, reloader, events=fan_out.last)
+            pages = None
+            if plan.web is not None:  # only then is its library loaded
+                opening = await loop.run_in_executor(
+                    ThreadPerCall("load web"), import_module, "gateway.web.front.opening"
+                )
+                pages = opening.web_pages(plan.web, operator, fan_out, None)
+            self._operator = operator
+            try:
+                await serve(running, stop, ready, reloader, pages)
+            finally:
+                self._operator = None
 
     @property
     def _running(self) -> Running:

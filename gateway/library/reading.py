@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from time import monotonic
-from typing import Self
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +20,6 @@ class Reading:
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
     _taken: float = field(default_factory=monotonic, repr=False, compare=False)
 
-    @classmethod
-    def of_age(cls, point: str, value: float | str | bool | None, unit: str, age: float) -> Self:  # noqa: FBT001 - a bit
-        """Make one that is `age` seconds old now."""
-        return cls(point, value, unit, datetime.now(UTC) - timedelta(seconds=age), monotonic() - age)
-
     @property
     def age(self) -> float:
         """How old it is now, in seconds."""
@@ -33,3 +27,8 @@ class Reading:
 
     def __str__(self) -> str:
         return f"{self.value} {self.unit}".rstrip()
+
+
+def reading_of_age(point: str, value: float | str | bool | None, unit: str, age: float) -> Reading:  # noqa: FBT001
+    """Make a reading that is `age` seconds old now."""
+    return Reading(point, value, unit, datetime.now(UTC) - timedelta(seconds=age), monotonic() - age)

@@ -9,7 +9,7 @@ from gateway.errors import BrokenResponse, Busy, ChangedMeanwhile, DoesNotFit, U
 from gateway.library.addresses import span_to_read, span_to_write
 from gateway.library.anywhere import anywhere
 from gateway.library.failures import failure
-from gateway.library.reading import Reading
+from gateway.library.reading import Reading, reading_of_age
 from gateway.library.sampled import Sampled
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_PDU, Area
 from gateway.operator.answers.unit import UnitPicture
@@ -179,7 +179,7 @@ class UnitClient:
         if outcome.failures:
             _refuse(unit, points, outcome)
         return {
-            each.point.name: Reading.of_age(
+            each.point.name: reading_of_age(
                 each.point.name,
                 bool(each.value) if each.point.is_bit and each.value in (0, 1) else each.value,
                 each.point.unit,

@@ -7,7 +7,7 @@ from queue import SimpleQueue
 from threading import RLock
 from typing import Final
 
-from gateway.events import Level
+from gateway.events import EventsDropped
 
 #: The most waiting entries. Entries that clients cannot cause at will may exceed it, so that a flood of others cannot
 #: displace the audit of a write.
@@ -49,8 +49,8 @@ class Missing:
 
     def note(self) -> Entry:
         """Make the entry that reports them: `events_dropped`."""
-        fields = {"dropped": self.events, "write_audits": self.write_audits}
-        return Entry(Level.WARNING, "events_dropped", fields, False, self.events, self.write_audits)
+        told = EventsDropped(self.events, self.write_audits)
+        return Entry(told.level, told.name, told.fields(), False, self.events, self.write_audits)
 
 
 class Backlog(SimpleQueue[Entry | None]):

@@ -124,13 +124,18 @@ def _missing_site(gateway: Gateway, unit: int) -> str:
 
 
 async def send(router: Router, unit: int, step: Step, question: AwaitedOrigin) -> Done:
-    """Send a request through `router`, and wait for its outcome. If this is cancelled while it waits, it is dropped."""
+    """Send a request through `router`, and wait for its outcome; it is dropped if this is cancelled while it waits.
+
+    Others get their turns, though an image answers at once.
+    """
     now = asyncio.get_running_loop().time
     started = now()
     request = Request(unit, step.pdu, question, started)
     request.in_one_turn = step.in_one_turn
     router.submit(request, started)
     try:
+        if question.outcome.done():
+            await asyncio.sleep(0)
         error, response = await question.outcome
     except asyncio.CancelledError:
         request.give_up()

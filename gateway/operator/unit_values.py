@@ -1,6 +1,5 @@
 """The values of a unit: which points are meant, and the requests that read and write them, for any door."""
 
-import asyncio
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
@@ -121,12 +120,11 @@ def refused(answer: Answer) -> ExceptionReceived:
 
 
 async def carried_out(steps: Steps, ask: Ask) -> Outcome:
-    """Send each request, and pass the answer to the next step. Others get their turns: an image answers at once."""
+    """Send each request, and pass the answer to the next step."""
     try:
         step = next(steps)
         while True:
             step = steps.send(await ask(step))
-            await asyncio.sleep(0)
     except StopIteration as end:
         outcome: Outcome = end.value
         return outcome
