@@ -94,6 +94,20 @@ async def test_the_name_of_a_unit_is_that_of_the_config(bench):
     assert unit_of(bench, "wired").name == "wired"  # asked by its name only
 
 
+async def test_registers_of_four_bytes_are_whole_numbers_too(bench):
+    wired, device = unit_of(bench, "wired"), SimulatedDevice(7)
+    bench.attach("hall", SimulatedLine("rtu", device))
+    device.script += [[(0.01, rtu.encode(7, pdu))] for pdu in (b"\3\4\1\2\3\4", bytes.fromhex("10 0064 0001"))]
+    assert await wired.read_holding(100) == [0x01020304]
+    await wired.write_holding(100, [70000])
+    assert device.heard[1].pdu == bytes.fromhex("10 0064 0001 04 00011170")
+    for asked in wired.read_holding(99, 2), wired.write_holding(199, [1, 2]):
+        with pytest.raises(ValueError, match=r"wired: only some of holding .* have four bytes: ask for them apart"):
+            await asked
+    with pytest.raises(ValueError, match="4294967296 does not fit into holding: whole numbers from 0 to 4294967295"):
+        await wired.write_holding(100, [2**32])
+
+
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
@@ -161,7 +175,7 @@ READ = bytes.fromhex("03 0000 0001")
 
 async def test_the_points_that_could_be_read_are_no_answer_without_the_others(bench):
     bench.device.refuses = {1: 4}
-    with pytest.raises(DeviceFailure, match="^press, lamp: exception 04"):
+    with pytest.raises(DeviceFailure, match=r"^press, lamp: exception 04"):
         await unit_of(bench, "press").read_points("speed", "lamp")
     assert [*await unit_of(bench, "press").read_points("speed", "mode")] == ["speed", "mode"]
 
@@ -176,13 +190,13 @@ async def test_points_that_the_device_refuses_together_are_read_apart(bench):
 async def test_no_answer_is_told_with_its_reason(bench):
     bench.device.silent = True
     press = unit_of(bench, "press")
-    with pytest.raises(ResponseTimeout, match="^press, holding 0-1: exception 0B, .*: no response came") as wrong:
+    with pytest.raises(ResponseTimeout, match=r"^press, holding 0-1: exception 0B, .*: no response came") as wrong:
         await press.read_holding(0, 2)
     assert (wrong.value.code, isinstance(wrong.value, NoResponse)) == (11, True)
-    with pytest.raises(NoResponse, match="^press, speed: exception 0B"):
+    with pytest.raises(NoResponse, match=r"^press, speed: exception 0B"):
         await press.write("speed", 1)
     bench.lines["hall"].pull()
-    with pytest.raises(LineDown, match="^press, holding 0: exception 0A"):
+    with pytest.raises(LineDown, match=r"^press, holding 0: exception 0A"):
         await press.read_holding(0)
 
 
@@ -198,7 +212,7 @@ async def test_a_full_queue_and_a_long_wait_are_busy(bench):
 
 
 async def test_nothing_is_asked_on_a_line_where_others_ask(bench):
-    with pytest.raises(OnlyHeard, match="^boiler, holding 0: exception 0A.*only listens") as wrong:
+    with pytest.raises(OnlyHeard, match=r"^boiler, holding 0: exception 0A.*only listens") as wrong:
         await unit_of(bench, "boiler").read_holding(0)
     assert isinstance(wrong.value, Refused)
 
@@ -207,7 +221,7 @@ async def test_a_request_pdu_is_sent_as_it_is(bench):
     press = unit_of(bench, "press")
     assert await press.request(bytes.fromhex("17 0000 0001 0000 0001 02 0005")) == bytes.fromhex("17 02 0005")
     assert await press.request(bytearray(READ)) == bytes.fromhex("03 02 0005")
-    with pytest.raises(Refused, match="^press, function 3: exception 03"):
+    with pytest.raises(Refused, match=r"^press, function 3: exception 03"):
         await press.request(b"\x03\0")
 
 
@@ -225,7 +239,7 @@ async def test_a_row_of_access_limits_what_the_program_may():
         assert await press.read_holding(0, 4) == [0] * 4
         assert [*await press.read_points("speed", "mode")] == ["speed", "mode"]
         for asked in press.read_holding(0, 5), press.write("mode", 1), press.read_points("speed", "limit"):
-            with pytest.raises(AccessDenied, match="^press, .*: exception 01, illegal function: "):
+            with pytest.raises(AccessDenied, match=r"^press, .*: exception 01, illegal function: "):
                 await asked
         denied = [event for event in bench.events if event.name == "access_denied"]
         assert {(event.client, event.listener) for event in denied} == {("embedded", "embedded")}
@@ -323,7 +337,7 @@ async def test_a_read_of_points_ends_when_a_reload_gives_their_unit_another_devi
     reading = asyncio.create_task(unit_of(bench, "press").read_points("speed", "count"))
     await asyncio.sleep(0.005)
     await bench.reload(CONFIG.replace("unit = 6, as", "unit = 8, as"))
-    with pytest.raises((Busy, NoResponse), match="^press"):
+    with pytest.raises((Busy, NoResponse), match=r"^press"):
         await reading
 
 
@@ -365,7 +379,7 @@ async def test_a_reading_is_as_old_as_the_poll_that_it_is_from():
         assert 3.0 <= ages["one"] < 4.1
         assert ages["one"] <= ages["other"] < 8.1
         await asyncio.sleep(4)
-        with pytest.raises(StaleValue, match="^mirror, speed: exception 0B"):
+        with pytest.raises(StaleValue, match=r"^mirror, speed: exception 0B"):
             await unit_of(bench, "mirror").read("speed")
 
 
