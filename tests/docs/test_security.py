@@ -215,6 +215,10 @@ async def test_the_control_socket_and_other_sites_may_what_the_table_says(tmp_pa
         assert may(bench.running.add_ons.fleet.router, "east") == told(the("other sites"))
 
 
+async def test_the_program_may_what_the_table_says(running):
+    assert may(running.routers.embedded) == told(the("the program that the gateway"))
+
+
 async def test_the_broker_may_what_the_table_says(tmp_path):
     row = the("MQTT broker")
     assert row.write.startswith("with `write = true`")
@@ -274,7 +278,7 @@ def test_each_row_of_the_table_has_a_test():
         *("client on this machine", "the same from another machine", "Modbus UDP", "`tls://`", "client on the cable"),
         *("control socket", "page or API, no login, from this machine", "page or API, no login, from elsewhere"),
         *("viewer", "operator", "program with the `token`", "user whom a `proxy` names", "MQTT broker", "other sites"),
-        *("program at a virtual serial port", "what is on the bus of a line"),
+        *("program at a virtual serial port", "what is on the bus of a line", "the program that the gateway"),
     }
     assert [row.who for row in rows() if not row.who.startswith(tuple(tested))] == []
     assert {begin for begin in tested if any(row.who.startswith(begin) for row in rows())} == tested

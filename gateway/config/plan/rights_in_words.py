@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
 from gateway.config.plan.settings import Plan
-from gateway.config.values.reserved_names import CONTROL
+from gateway.config.values.reserved_names import CONTROL, EMBEDDED
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
@@ -106,6 +106,8 @@ def _rest(plan: Plan) -> Iterator[RightsRow]:
             yield RightsRow("the line", server.line.name, show_units(server.line.serves), "read, write, broadcast")
     if not _is_named(CONTROL, plan):
         yield RightsRow("who may open it", CONTROL, "all", "read, write")
+    if any(image.python for image in plan.images) and not _is_named(EMBEDDED, plan):
+        yield RightsRow("units made in Python", EMBEDDED, "all", "read, write")
     for name, part in plan.add_ons.items():
         if not _is_named(name, plan):
             yield from (RightsRow(one.clients, name, one.units, one.may) for one in part.usual_rights)

@@ -18,9 +18,9 @@ class Access(Table):
     )
     listen: Annotated[tuple[Name, ...], ListOf] | None = Field(
         None,
-        description="Names of listeners, server lines, `control`, `web`, `mqtt` or `fleet`. Default: all. A server "
-        "line, the control socket, the web page and the MQTT client keep their rights until a row names them. UDP "
-        "clients can write only through a row that names their listener, other sites through one that names `fleet`. A "
+        description="Names of listeners, server lines, `control`, `web`, `mqtt`, `fleet` or `embedded`. Default: all. "
+        "A server line, the control socket, the web page, the MQTT client and a program with its units in Python "
+        "(`embedded`) keep their rights until a row names them. UDP clients can write only through a row that names their listener, other sites through one that names `fleet`. A "
         "row names either listeners for one line or upstream, or others.",
     )
     role: Role | None = Field(

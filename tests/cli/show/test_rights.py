@@ -106,6 +106,29 @@ def test_a_control_socket_that_a_row_names_does_what_the_row_says(
     assert [" ".join(each.split()) for each in table if " control " in each] == ["anywhere control all read"]
 
 
+CLOCK = """
+from gateway import CustomUnit
+class Clock(CustomUnit):
+    async def read(self, area, address, count):
+        return [0] * count
+"""
+
+
+@pytest.mark.parametrize(
+    ("more", "row"),
+    [
+        ("", ["units made in Python embedded all read, write"]),
+        ('[[access]]\nlisten = ["embedded"]\nallow = ["read"]\n', ["anywhere embedded all read"]),
+    ],
+)
+def test_units_in_python_may_ask_all_others_until_a_row_names_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: str, row: list[str]
+) -> None:
+    (tmp_path / "clock_of_rights.py").write_text(CLOCK)
+    table = rights(tmp_path, capsys, f'{FILE}[[image]]\nunit = 60\npython = "clock_of_rights:Clock"\n{more}')
+    assert [" ".join(each.split()) for each in table.splitlines() if " embedded " in each] == row
+
+
 def test_without_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert rights(tmp_path, capsys, FILE) == dedent(
         """\

@@ -113,10 +113,11 @@ def test_a_row_for_a_listener_that_failed():
 
 
 def test_who_is_on_a_cable_has_no_network():
-    what = 'clients of "panel" have no network, so a row with from never matches them'
-    assert access('listen = ["scada", "panel"]\nfrom = ["10.2.0.0/24"]\n', listen=SCADA + PANEL) == [
-        f"warning: access[0].listen[1]: {what} | name it in a row of its own, without from"
-    ]
+    for name in "panel", "control", "mqtt", "embedded":
+        what = f'clients of "{name}" have no network, so a row with from never matches them'
+        assert access(f'listen = ["scada", "{name}"]\nfrom = ["10.2.0.0/24"]\n', listen=SCADA + PANEL) == [
+            f"warning: access[0].listen[1]: {what} | name it in a row of its own, without from"
+        ]
 
 
 # Networks
