@@ -21,7 +21,8 @@ class Access(Table):
         description="Names of listeners, server lines, `control`, `web`, `mqtt`, `fleet` or `embedded`. Default: all. "
         "A server line, the control socket, the web page, the MQTT client and a program with its units in Python "
         "(`embedded`) keep their rights until a row names them. UDP clients can write only through a row that names "
-        "their listener, other sites through one that names `fleet`. A row names either listeners for one line or upstream, or others.",
+        "their listener, other sites through one that names `fleet`. A row names either listeners for one line or "
+        "upstream, or others.",
     )
     role: Role | None = Field(
         None,
