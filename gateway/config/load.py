@@ -9,13 +9,21 @@ from pathlib import Path as FilePath
 from typing import Any, Final
 
 from gateway.config.check import AddressTrouble, PortTrouble, UnitTrouble, check
-from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
+from gateway.config.checks.embedding import Embedding, is_about_units
+from gateway.config.machine.file_text import (
+    UnreadableFile,
+    find_wrong_text,
+    folder_of,
+    plain_text,
+    read_file_text,
+)
 from gateway.config.machine.paths import check_paths
 from gateway.config.machine.port_trouble import port_trouble
 from gateway.config.plan.shared_units import without_shared_units
 from gateway.config.problem import Path, Problem, error, errors_in, warning
 from gateway.config.profile_files import Origin, ProfileFiles, read_profile_file, with_profiles
-from gateway.config.reading.masking import MASK, find_masks
+from gateway.config.reading.given_table import TableCopy, Unplaced
+from gateway.config.reading.masking import find_masks
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.profile_file import ProfileFile
 from gateway.config.reading.syntax import syntax_problem
@@ -53,6 +61,7 @@ def load(
     path: str | FilePath,
     address_trouble: AddressTrouble = lambda _: None,
     unit_trouble: UnitTrouble = lambda _: None,
+    embedding: Embedding | None = None,
 ) -> Loaded:
     """Load the file at `path`. Nothing is raised: a file that cannot be read is a problem too.
 
@@ -65,7 +74,55 @@ def load(
     except UnreadableFile as wrong:
         remedy = wrong.remedy if FilePath(path).exists() else _NO_CONFIG_YET
         return _fail(error((), str(wrong), remedy), file, wrong.line, min(wrong.line, 1))
-    return replace(parse(text, file, address_trouble=address_trouble, unit_trouble=unit_trouble), text=text)
+    loaded = parse(text, file, address_trouble=address_trouble, unit_trouble=unit_trouble, embedding=embedding)
+    return replace(loaded, text=text)
+
+
+def load_text(
+    text: str,
+    file: str,
+    folder: FilePath,
+    address_trouble: AddressTrouble,
+    unit_trouble: UnitTrouble,
+    embedding: Embedding,
+) -> Loaded:
+    """Load a text as a file in `folder` would be; `file` stands for it in messages. Nothing is raised."""
+    text = plain_text(text)
+    wrong = find_wrong_text(text)
+    if wrong:
+        return _fail(error((), wrong), file, 0, 0)
+    at = folder / file
+    loaded = parse(
+        text, file, address_trouble=address_trouble, unit_trouble=unit_trouble, at=at, embedding=embedding
+    )
+    return replace(loaded, text=text)
+
+
+def load_table(
+    table: Mapping[str, Any],
+    file: str,
+    folder: FilePath,
+    address_trouble: AddressTrouble,
+    unit_trouble: UnitTrouble,
+    embedding: Embedding,
+) -> Loaded:
+    """Load a table that a program has made; otherwise as `load_text`. It has no text."""
+    try:
+        copy = TableCopy(table)
+        if copy.problems:
+            return Loaded(None, tuple(each.located(file, 0, 0) for each in copy.problems[:_MOST_PROBLEMS]))
+        at = folder / file
+        places = _Places(Unplaced(copy.table), file, copy.table, ProfileFiles.of_config(at))
+        troubles = partial(
+            check,
+            port_trouble=port_trouble,
+            real_path=os.path.realpath,
+            address_trouble=address_trouble,
+            unit_trouble=unit_trouble,
+        )
+        return _parsed(places, at, os.path.exists, troubles, embedding)
+    except RecursionError:
+        return _fail_nested(file, 0)
 
 
 def load_profile(path: FilePath, name: str = "") -> ProfileFile:
@@ -97,8 +154,13 @@ def parse(
     exists: Callable[[str], bool] = os.path.exists,
     profile_files: ProfileFiles | None = None,
     unit_trouble: UnitTrouble = lambda _: None,
+    at: FilePath | None = None,
+    embedding: Embedding | None = None,
 ) -> Loaded:
-    """Parse `text`, the content of `file`. `exists` looks for the files that it names."""
+    """Parse `text`, the content of `file`. `exists` looks for the files that it names.
+
+    `at` is the path that says what relative ones mean, if it is another than `file`.
+    """
     try:
         document = tomllib.loads(text)
         positions = Positions(text)
@@ -107,7 +169,8 @@ def parse(
         return _fail(problem, file, problem.line, problem.column)
     except RecursionError:
         return _fail_nested(file)
-    files = profile_files or ProfileFiles.of_config(file)
+    at = at or FilePath(file)
+    places = _Places(positions, file, document, profile_files or ProfileFiles.of_config(at))
     try:
         troubles = partial(
             check,
@@ -116,43 +179,43 @@ def parse(
             address_trouble=address_trouble,
             unit_trouble=unit_trouble,
         )
-        return _parsed(document, positions, text, file, exists, files, troubles)
+        return _parsed(places, at, exists, troubles, embedding or Embedding())
     except RecursionError:  # a key of a thousand parts
         return _fail_nested(file)
 
 
 def _parsed(
-    document: dict[str, Any],
-    positions: Positions,
-    text: str,
-    file: str,
+    places: "_Places",
+    at: FilePath,
     exists: Callable[[str], bool],
-    files: ProfileFiles,
     troubles: Callable[[Config, frozenset[str]], Iterator[Problem]],
+    embedding: Embedding,
 ) -> Loaded:
-    folder = folder_of(FilePath(file))
-    reader = TableReader(document, positions, FilePath(file).name, folder)
-    profiled = with_profiles(reader.config(), files, is_whole=PROFILE not in reader.failed)
+    document, files, folder = places.document, places.files, folder_of(at)
+    reader = TableReader(document, places.positions, at.name, folder)
+    own = embedding.added_to(reader.config())
+    profiled = with_profiles(own.config, files, is_whole=PROFILE not in reader.failed)
     config = without_shared_units(profiled.config)
     found = [
         *reader.problems,
+        *own.problems,
         *profiled.problems,
         *check_paths(document, folder, exists),
-        *_check_masks(document, text),
+        *_check_masks(document),
     ]
     failed = frozenset(reader.failed if profiled.is_whole else {*reader.failed, PROFILE})
     found += troubles(config, failed)
-    places = _Places(positions, file, document, files)
+    found += embedding.check(config)
     problems = [places.locate(one) for one in dict.fromkeys(found)]
     has_error = any(one.severity == "error" for one in problems)
-    kept = tuple(_most_important(problems, file))
-    own = {each.name: each.text for each in files.found.values() if not each.is_shipped}
-    return Loaded(None if has_error else config, kept, profiles=profiled.origins, profile_texts=own)
+    kept = tuple(_most_important(problems, places.file))
+    texts = {each.name: each.text for each in files.found.values() if not each.is_shipped}
+    return Loaded(None if has_error else config, kept, profiles=profiled.origins, profile_texts=texts)
 
 
-def _check_masks(document: dict[str, Any], text: str) -> Iterator[Problem]:
+def _check_masks(document: dict[str, Any]) -> Iterator[Problem]:
     """Find masks, which a text has that was copied from the page."""
-    for path in find_masks(document) if MASK in text else ():
+    for path in find_masks(document):
         yield error(path, "this is the mask, which the page shows in place of the value", "write the value itself")
 
 
@@ -168,7 +231,7 @@ def _most_important(problems: list[Problem], file: str) -> list[Problem]:
 class _Places:
     """Where problems are: in the config, which has `document`, or in the file of a profile."""
 
-    positions: Positions
+    positions: Positions | Unplaced
     file: str
     document: dict[str, Any]
     files: ProfileFiles
@@ -176,6 +239,8 @@ class _Places:
     def locate(self, problem: Problem) -> Problem:
         if problem.file:
             return problem
+        if is_about_units(problem.path):
+            return replace(problem, path=problem.path[:2]).located(self.file, 0, 0)
         section, name = (*problem.path, "", "")[:2]
         other = self.files.found.get(str(name)) if section == PROFILE else None
         if other is not None and name not in self.document.get(PROFILE, {}):
@@ -192,8 +257,8 @@ def _name(path: Path, document: dict[str, Any]) -> str:
     return name if isinstance(name, str) else ""
 
 
-def _fail_nested(file: str) -> Loaded:
-    return _fail(error((), "is nested too deeply"), file)
+def _fail_nested(file: str, place: int = 1) -> Loaded:
+    return _fail(error((), "is nested too deeply"), file, place, place)
 
 
 def _fail(problem: Problem, file: str, line: int = 1, column: int = 1) -> Loaded:

@@ -61,7 +61,7 @@ async def tell_config(operator: Operator, _asked: Nothing, _asker: Asker) -> Con
     """Return the config in use, without comments and secrets."""
     reloader = operator.reloader
     text = await asyncio.get_running_loop().run_in_executor(ThreadPerCall("mask config"), shown, reloader.text)
-    return ConfigInUse(str(reloader.file.absolute()), text)
+    return ConfigInUse(reloader.place, text)
 
 
 async def check_config(operator: Operator, asked: TextToCheck, asker: Asker) -> CheckedConfig:

@@ -16,8 +16,11 @@ def commands_to_apply(reloader: Reloader, new: Path | None = None) -> Sequence[s
     """List the commands that make the file `new` the config and reload it; one in the working folder if it is None.
 
     The new file is checked in the folder of the config, from where its paths count, and takes the place of the old one
-    as a whole, with the same owner and rights. Blocks for a moment.
+    as a whole, with the same owner and rights. There are none for a config that comes from a program. Blocks for a
+    moment.
     """
+    if reloader.fixed:
+        return ()
     order = "sudo " if reloader.is_service else ""
     # A link stays one: what it leads to is replaced.
     file = os.path.realpath(reloader.file)

@@ -34,7 +34,7 @@ class ConfigView:
 
     `changes` are those that a reload would make; `problems` say why it would be rejected, or are warnings. `reloaded`
     is the outcome of the last reload, if any, and `at` its time, in seconds since 1970. `is_service`: systemd has
-    started the gateway.
+    started the gateway. `fixed` says why it cannot be reloaded, if it comes from a program.
     """
 
     file: str
@@ -46,6 +46,7 @@ class ConfigView:
     reloaded: Outcome | None
     at: float
     is_service: bool
+    fixed: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +93,8 @@ class ConfigViewer:
         reloader = self._reloader
         in_use, current = shown(reloader.text), shown(seen.loaded.text)
         return ConfigView(
-            file=str(reloader.file),
+            file=reloader.place if reloader.fixed else str(reloader.file),
+            fixed=reloader.fixed,
             text=in_use[:MOST_TEXT],
             problems=seen.loaded.problems,
             has_errors=seen.loaded.plan is None,

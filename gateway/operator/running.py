@@ -16,7 +16,7 @@ RELOAD_TIME: Final = 85.0
 
 async def tell_which(operator: Operator, _asked: Nothing, _asker: Asker) -> Which:
     """Return the config file of the running gateway."""
-    return Which(str(operator.reloader.file.absolute()))
+    return Which(operator.reloader.place)
 
 
 async def tell_sites(operator: Operator, _asked: Nothing, _asker: Asker) -> Sites:
@@ -35,12 +35,14 @@ async def reload(operator: Operator, _asked: Nothing, _asker: Asker) -> Reloaded
     """Read the config again, and apply it.
 
     Raises:
-        Unready: the reload has not ended within RELOAD_TIME; it goes on.
+        Unready: the reload has not ended within RELOAD_TIME, and goes on; or the config comes from a program.
     """
+    if operator.reloader.fixed:
+        raise Unready(operator.reloader.fixed)
     try:
         async with asyncio.timeout(RELOAD_TIME):
             outcome = await asyncio.shield(operator.reloader.order())
     except TimeoutError:
         raise Unready(f"the reload has not ended within {RELOAD_TIME:g} s; the log says what becomes of it") from None
     is_done = not (outcome.problems or outcome.defect)
-    return Reloaded(**asdict(outcome), ok=is_done, file=str(operator.reloader.file.absolute()))
+    return Reloaded(**asdict(outcome), ok=is_done, file=operator.reloader.place)

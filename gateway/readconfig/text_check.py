@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from gateway.config.machine.file_text import MOST_BYTES, plain_text
+from gateway.config.machine.file_text import find_wrong_text, plain_text
 from gateway.config.problem import Severity
 from gateway.readconfig.process import READING_TIME, Reading
 
@@ -69,7 +69,7 @@ def check_text(file: Path, text: str, in_use: str) -> TextCheck:
         ConfigError: the process cannot be started, fails, or takes too long; the message says which.
     """
     text = plain_text(text)
-    if wrong := _find_wrong_text(text):
+    if wrong := find_wrong_text(text):
         return TextCheck((TextProblem("error", 0, 0, "", wrong),))
     process = Reading("the text", [str(file), "text"], packed_texts(text, in_use))
     checked: TextCheck = process.result(CHECKING_TIME)
@@ -86,11 +86,3 @@ def unpacked_texts(given: bytes) -> tuple[str, str]:
     """Read what `packed_texts` has written."""
     size, _, both = given.partition(b"\n")
     return both[: int(size)].decode(), both[int(size) :].decode()
-
-
-def _find_wrong_text(text: str) -> str:
-    try:
-        size = len(text.encode())
-    except UnicodeEncodeError:
-        return "is not UTF-8 text"
-    return f"has more than {MOST_BYTES} bytes" if size > MOST_BYTES else ""

@@ -67,7 +67,7 @@ class Builder:
         Raises:
             StateError: it cannot be read.
         """
-        if any(image.persist != "never" for image in (*plan.images, *(each.own for each in plan.virtual))):
+        if plan.has_kept_images:
             self.opened_store()
 
     def build(self, plan: Plan, before: Gateway | None = None) -> Gateway:

@@ -58,7 +58,7 @@ class Reloader:
     `text` is the content of the file when it was last used, at `applied_at` by the loop's clock, and `profile_texts`
     are the texts of the own profiles that it uses; both are kept in `applied`. `read` reads it, in a thread. What
     images keep is read in a thread too, and so are certificates, even those of unchanged tables. `settle` is called
-    after each.
+    after each. `fixed` says why the config cannot be read again, if it comes from a program and not from `file`.
     """
 
     def __init__(
@@ -72,8 +72,10 @@ class Reloader:
         read: ReadConfig = read_config,
         applied: AppliedConfigs | None = None,
         settle: Callable[[], None] = lambda: None,
+        fixed: str = "",
     ) -> None:
         self.file = file
+        self.fixed = fixed
         self.read = read
         self.text = text
         self.profile_texts = profile_texts or {}
@@ -92,6 +94,11 @@ class Reloader:
     def is_service(self) -> bool:
         """Whether systemd has started the gateway."""
         return self._manager.is_service
+
+    @property
+    def place(self) -> str:
+        """Where the config is, for display: the path of its file, or what a program calls it."""
+        return self.file.name if self.fixed else str(self.file.absolute())
 
     def order(self) -> asyncio.Task[Outcome]:
         """Order a reload, and return its task. Orders before a reload has begun are combined into one."""
@@ -212,6 +219,13 @@ def _load(plan: Plan) -> tuple[dict[Secured, LoadedTls], list[str]]:
         except TlsError as error:
             unusable.append(str(error))
     return found, unusable
+
+
+def tell_loaded(file: str, plan: Plan, problems: Iterable[Problem], emit: events.Emit) -> None:
+    """Log what the gateway starts with, and the warnings about it."""
+    units = sum(len(owner.devices) for owner in plan.owners) + len(plan.images)
+    emit(events.ConfigLoaded(file, len(plan.lines) + len(plan.servers) + len(plan.monitors), units))
+    warn(problems, emit)
 
 
 def warn(problems: Iterable[Problem], emit: events.Emit) -> None:

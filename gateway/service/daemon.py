@@ -3,7 +3,7 @@
 import asyncio
 import signal
 from collections.abc import AsyncIterator
-from contextlib import ExitStack, asynccontextmanager, closing, nullcontext
+from contextlib import asynccontextmanager, nullcontext
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +15,6 @@ from gateway.config.plan.settings import Plan, WebPlan
 from gateway.control.path import control_path, usual_path_leads
 from gateway.control.server import control_open
 from gateway.errors import ListenError, StateError, TlsError
-from gateway.images.drivers.store import Store
 from gateway.listeners.sockets import OpenSockets
 from gateway.observe.event_file import events_kept
 from gateway.observe.fan_out import FanOut
@@ -25,18 +24,15 @@ from gateway.operator.operator import Operator
 from gateway.ports.opener import make_opener
 from gateway.readconfig.process import ConfigRead
 from gateway.runtime import garbage
-from gateway.runtime.kept_state import KeptState
-from gateway.runtime.overdue import FILE_NAME as LATE_FILE
-from gateway.runtime.overdue import LeftBehind, is_entry
-from gateway.runtime.reload import Reloader, warn, warn_of_certificates
+from gateway.runtime.kept_state import KeptState, state_kept
+from gateway.runtime.reload import Reloader, tell_loaded, warn_of_certificates
 from gateway.runtime.remembered import in_force
 from gateway.runtime.running import Running
 from gateway.service.hang_up import HangUp
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier, take_inherited_sockets
 from gateway.state.applied_configs import AppliedConfigs
-from gateway.state.entry_file import EntryFile, IsEntry
-from gateway.state.memory import StateFile, state_folder
+from gateway.state.memory import state_folder
 from gateway.state.troubles import StateTroubles
 from gateway.tls.store import TlsStore, load_all
 
@@ -59,9 +55,7 @@ def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) ->
     try:
         with open_log(plan.log.level, plan.log.format) as log:
             fan_out = FanOut(log)
-            emit = fan_out.emit
-            emit(events.ConfigLoaded(str(file), len(plan.lines) + len(plan.servers) + len(plan.monitors), _units(plan)))
-            warn(read.problems, emit)
+            tell_loaded(str(file), plan, read.problems, fan_out.emit)
             path = Path(control or plan.control or control_path(file)).absolute()
             _serve(plan, _Source(file, read), path, fan_out)
     except (ListenError, StateError, TlsError) as error:
@@ -79,29 +73,10 @@ def tell_journal(rejected: events.ConfigRejected) -> None:
 def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
     folder = state_folder()
     troubles = StateTroubles(folder, fan_out.emit)
-    troubles.look()
-    emit = troubles.emit
-    with (
-        closing(StateFile(folder, emit)) as memory,
-        closing(LeftBehind(EntryFile(folder / LATE_FILE, is_entry, emit))) as left_behind,
-        ExitStack() as opened,
-        closing(Store(folder, emit)) as store,  # closed first: meanwhile the other files are written
-    ):
-        for remembered in in_force(plan, memory):
-            emit(remembered)
-
-        def open_file(name: str, is_entry: IsEntry) -> EntryFile:
-            return opened.enter_context(closing(EntryFile(folder / name, is_entry, emit)))
-
-        kept = KeptState(
-            memory=memory,
-            left_behind=left_behind,
-            store=store,
-            troubles=troubles,
-            open_file=open_file,
-            folder=folder,
-        )
-        run_exactly(_run(plan, source, control, kept, folder, fan_out, emit))
+    with state_kept(folder, troubles) as kept:
+        for remembered in in_force(plan, kept.memory):
+            troubles.emit(remembered)
+        run_exactly(_run(plan, source, control, kept, folder, fan_out, troubles.emit))
 
 
 def _load_certificates(plan: Plan, emit: events.Emit) -> TlsStore:
@@ -156,7 +131,3 @@ def _reload_or_stop(reloader: Reloader, stop: Stop, hang_up: HangUp) -> None:
         stop.order("SIGHUP")
     else:
         reloader.order()
-
-
-def _units(plan: Plan) -> int:
-    return sum(len(owner.devices) for owner in plan.owners) + len(plan.images)

@@ -9,4 +9,5 @@
 - intervals    how often mirrors and virtual units read
 - upstreams    other servers
 - web, mqtt, fleet, lease    the add-ons
+- embedding    what a program gives to a gateway that is a part of it
 """

@@ -43,6 +43,15 @@ def plain_text(text: str) -> str:
     return text.removeprefix("\ufeff").replace("\r\n", "\n")
 
 
+def find_wrong_text(text: str) -> str:
+    """Say why a text cannot be a config file; empty if it can."""
+    try:
+        size = len(text.encode())
+    except UnicodeEncodeError:
+        return "is not UTF-8 text"
+    return f"has more than {MOST_BYTES} bytes" if size > MOST_BYTES else ""
+
+
 def read_file_bytes(path: Path) -> bytes:
     """Read a file of limited size.
 

@@ -336,6 +336,11 @@ class Plan:
         return {name: part for name, part in named if part is not None}
 
     @property
+    def has_kept_images(self) -> bool:
+        """Whether an image outlives the process."""
+        return any(image.persist != "never" for image in (*self.images, *(each.own for each in self.virtual)))
+
+    @property
     def secured(self) -> tuple[Secured, ...]:
         """Give every address that TLS secures, but for web page, broker and NATS: without these, all else works."""
         listeners = ((f"listen {one.name}", one.source, one.tls) for one in self.listeners)

@@ -3,6 +3,7 @@
 - tables       makes a table of each section; a broken one hides no other's mistakes
 - profile_file     the file of a profile
 - positions, source    where keys and values stand, and where a table does once it is read
+- given_table    a config that a program has made as a table, without text
 - syntax, wording    what is wrong with text that is no TOML, and with values, in words
 - masking, excerpt, comparing    a file without its secrets, single lines of it, and two files line by line
 - toml_text    TOML, written

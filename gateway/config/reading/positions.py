@@ -3,9 +3,10 @@
 import re
 import tomllib
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from gateway.config.problem import Path, Problem
+from gateway.config.reading.source import Source
 
 _BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 STRING = re.compile(
@@ -41,6 +42,11 @@ class Positions:
         """Give the number, date or word at `path` as it is written, for values that should have been text."""
         match = _SCALAR.match(self._text, self._values[path])
         return match[0].strip() if match else ""
+
+    def place(self, path: Path, file: str, keys: Iterable[str]) -> str:
+        """Give the place of the table at `path` in `file`, which has this text, with those of these keys in it."""
+        line, _ = self.value(path)
+        return Source.of(file, line, {key: self.key((*path, key))[0] for key in keys})
 
     def locate(self, problem: Problem, file: str, name: str = "") -> Problem:
         """Give a problem its place in `file`, which has this text; `name` is that of the table it is in."""

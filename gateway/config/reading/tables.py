@@ -8,9 +8,9 @@ from typing import Any, Final, TypeVar, get_origin
 from pydantic import ValidationError
 
 from gateway.config.problem import Path, Problem, error
+from gateway.config.reading.given_table import Unplaced
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.sites import with_sites
-from gateway.config.reading.source import Source
 from gateway.config.reading.wording import not_text, unknown_key, value_problems
 from gateway.config.schema.config import PROFILE, Config
 from gateway.config.schema.profile import ProfileTable
@@ -48,7 +48,9 @@ class TableReader:
     count from the `folder` in which `file` stands.
     """
 
-    def __init__(self, document: dict[str, Any], positions: Positions, file: str, folder: FilePath) -> None:
+    def __init__(
+        self, document: dict[str, Any], positions: Positions | Unplaced, file: str, folder: FilePath
+    ) -> None:
         self.problems: list[Problem] = []
         self.failed: set[str] = set()
         self._document = document
@@ -121,10 +123,8 @@ class TableReader:
 
     def _place(self, table: Table, path: Path) -> None:
         """Set the place of a table and of those inside it."""
-        line, _ = self._positions.value(path)
         keys = [type(table).model_fields[name].alias or name for name in table.model_fields_set]
-        lines = {key: self._positions.key((*path, key))[0] for key in keys}
-        table.placed(path, Source.of(self._file, line, lines))
+        table.placed(path, self._positions.place(path, self._file, keys))
         for name, field in type(table).model_fields.items():
             value = getattr(table, name)
             key = field.alias or name

@@ -52,6 +52,7 @@ class Store:
         self._timer: asyncio.TimerHandle | None = None
         self._refuses = False
         self._fails = False
+        self._is_closing = False
 
     @property
     def is_open(self) -> bool:
@@ -118,11 +119,19 @@ class Store:
         else:
             self._next.told.append(done)
 
+    def begin_closing(self) -> None:
+        """Begin no more writes: `close` does the rest, perhaps in another thread than that of the event loop."""
+        self._is_closing = True
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
     def close(self) -> None:
         """Write all unsaved values. Later changes are not saved."""
-        if self._saved is None:
+        saved, self._saved = self._saved, None
+        if saved is None:
             return
-        closing = ThreadPerCall("close images").submit(_close, self._saved, add({}, *self._unsaved()), self._kept)
+        closing = ThreadPerCall("close images").submit(_close, saved, add({}, *self._unsaved()), self._kept)
         try:
             closing.result(CLOSING_DEADLINE)
         except Exception as error:  # noqa: BLE001 - a disk that hangs or fails must not keep the service from stopping
@@ -133,7 +142,7 @@ class Store:
         return self._batch.values if self._batch else {}, self._next.values
 
     def _write_later(self) -> None:
-        if self._timer is None:
+        if self._timer is None and not self._is_closing:
             self._timer = asyncio.get_running_loop().call_later(INTERVAL, self._write_soon)
 
     def _write_soon(self) -> None:
@@ -147,7 +156,7 @@ class Store:
 
     def _write(self) -> None:
         """Write the collected changes that are due, unless a batch is already being written."""
-        if self._saved is None or self._batch is not None or not self._next.is_due:
+        if self._saved is None or self._is_closing or self._batch is not None or not self._next.is_due:
             return
         self._batch, self._next = self._next, _Batch()
         writing = asyncio.get_running_loop().run_in_executor(

@@ -11,7 +11,7 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.config.problem import WrongValue
 from gateway.config.values.character_format import fits_mode, parse_format
 from gateway.config.values.unitset import parse_units, show_units
-from gateway.errors import WrongQuestion
+from gateway.errors import Unready, WrongQuestion
 from gateway.hardware.listing import ListedPort, list_serial_ports
 from gateway.operator.answers.scan import Found
 from gateway.operator.config_check import TextChecks
@@ -173,9 +173,11 @@ class AddLinePage:
 
         Raises:
             ProblemError: a field is invalid, or no device is chosen.
-            Unready: too many other texts are being checked.
+            Unready: too many other texts are being checked; or the config comes from a program.
         """
         form, reloader = await _form(request), self._operator.reloader
+        if reloader.fixed:
+            raise Unready(reloader.fixed)
         devices = _devices_in(form)
         if not devices:
             raise ProblemError(422, "no unit is chosen")
