@@ -1,7 +1,7 @@
 """The config of an embedded gateway: a file, a text, or a table that the program has made; with its units."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -72,7 +72,7 @@ def _given(loaded: Loaded, file: Path, *, read: ReadConfig | None = None, fixed:
     found = _config_read(loaded)
     if found.plan is None:
         raise ConfigError("\n".join(found.errors), found.problems)
-    again = read or _Same(found)
+    again: ReadConfig = read or _Same(found)
     return GivenConfig(found.plan, found.problems, file, again, found.text, found.profile_texts, fixed)
 
 
@@ -82,7 +82,7 @@ class _Same:
 
     found: ConfigRead
 
-    def __call__(self, _file: Path, *, look_around: bool = False) -> ConfigRead:  # noqa: ARG002 - see ReadConfig
+    def __call__(self, file: Path, *, look_around: bool = False) -> ConfigRead:  # noqa: ARG002 - see ReadConfig
         return self.found
 
 
@@ -110,10 +110,10 @@ def _embedding(units: Units, *, has_state: bool) -> Embedding:
     if not isinstance(units, Mapping):
         raise TypeError(f"units: write a dict such as {{60: Clock()}}, not {type(units).__name__}")
     for number, unit in units.items():
-        if not isinstance(number, int) or isinstance(number, bool):
+        if type(number) is not int:
             raise TypeError(f"units[{number!r}]: the number of a unit is an int")
         if isinstance(unit, type):
             raise TypeError(f"units[{number}] is the class {unit.__name__}: write {unit.__name__}()")
         if not isinstance(unit, CustomUnit):
             raise TypeError(f"units[{number}] is {unit!r:.60}, and no CustomUnit")
-    return Embedding({int(number): type(unit).__name__ for number, unit in units.items()}, has_state=has_state)
+    return Embedding({number: type(unit).__name__ for number, unit in units.items()}, has_state=has_state)

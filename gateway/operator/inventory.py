@@ -30,9 +30,7 @@ async def tell_inventory(operator: Operator, _asked: Nothing, _asker: Asker) -> 
     plan, clock = running.gateway.plan, operator.clock()
     begin_of_loop = clock - loop.time()
     sha256 = hashlib.sha256(reloader.text.encode()).hexdigest()
-    applied = AppliedConfig(
-        reloader.place, sha256, rfc_3339(begin_of_loop + reloader.applied_at, "seconds")
-    )
+    applied = AppliedConfig(reloader.place, sha256, rfc_3339(begin_of_loop + reloader.applied_at, "seconds"))
     adapters = await loop.run_in_executor(ThreadPerCall("inventory"), lambda: tuple(_adapters(plan)))
     return Inventory(
         version=__version__,

@@ -1,8 +1,8 @@
 """A config that a program has made as a table. It has no text: problems name a key, and neither line nor column."""
 
-import os
 from collections.abc import Iterable, Mapping
 from datetime import date, datetime, time
+from pathlib import PurePath
 from typing import Any, Final
 
 from gateway.config.problem import Path, Problem, dotted, error
@@ -56,19 +56,20 @@ class TableCopy:
                 copy = [self._copied(each, (*path, index)) for index, each in enumerate(value)]
             case str():
                 copy = self._text(str.__str__(value), path)  # an enumeration's own says something else
-            case os.PathLike() if isinstance(os.fspath(value), str):
-                copy = self._text(str(os.fspath(value)), path)
+            case PurePath():
+                copy = self._text(str(value), path)
             case bool() | float() | datetime() | date() | time():
                 copy = value
             case int():
                 copy = self._integer(int(value), path)
             case _:
-                copy = self._wrong(value, path)
+                copy = self._note_wrong(value, path)
         return copy
 
-    def _wrong(self, value: object, path: Path) -> None:
+    def _note_wrong(self, value: object, path: Path) -> object:
         remedy = "leave the key out" if value is None else "write a dict, a list, text, a number, True or False"
         self.problems.append(error(path, f"cannot be {_in_words(value)}", remedy))
+        return None
 
     def _key(self, key: object, path: Path) -> str:
         if isinstance(key, str):

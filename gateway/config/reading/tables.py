@@ -48,9 +48,7 @@ class TableReader:
     count from the `folder` in which `file` stands.
     """
 
-    def __init__(
-        self, document: dict[str, Any], positions: Positions | Unplaced, file: str, folder: FilePath
-    ) -> None:
+    def __init__(self, document: dict[str, Any], positions: Positions | Unplaced, file: str, folder: FilePath) -> None:
         self.problems: list[Problem] = []
         self.failed: set[str] = set()
         self._document = document
