@@ -92,9 +92,7 @@ def load_text(
     if wrong:
         return _fail(error((), wrong), file, 0, 0)
     at = folder / file
-    loaded = parse(
-        text, file, address_trouble=address_trouble, unit_trouble=unit_trouble, at=at, embedding=embedding
-    )
+    loaded = parse(text, file, address_trouble=address_trouble, unit_trouble=unit_trouble, at=at, embedding=embedding)
     return replace(loaded, text=text)
 
 

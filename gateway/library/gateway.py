@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Mapping
-from contextlib import closing
+from contextlib import AsyncExitStack, closing
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -10,28 +10,27 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from gateway.clock.threads import ThreadPerCall
-from gateway.config.load import load, parse
-from gateway.config.plan.settings import Plan
-from gateway.config.resolve import resolve
-from gateway.errors import ConfigError
+from gateway.control.server import control_open
 from gateway.events import Event
-from gateway.images.custom_unit import CustomUnit
 from gateway.library.event_stream import EventStreams
 from gateway.library.life import Life
 from gateway.library.log import log_event
+from gateway.library.reading_config import GivenConfig, Units, read_file, read_table, read_text
+from gateway.library.state import state_open
 from gateway.library.unit_client import UnitClient
+from gateway.observe.event_file import events_kept
 from gateway.observe.fan_out import FanOut
 from gateway.operator.operator import Operator
 from gateway.ports.opener import make_opener
-from gateway.runtime.reload import Reloader, warn_of_certificates
+from gateway.runtime.kept_state import KeptState
+from gateway.runtime.reload import Reloader, tell_loaded, warn_of_certificates
 from gateway.runtime.running import Running
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
+from gateway.state.applied_configs import AppliedConfigs
 from gateway.tls.store import TlsStore, load_all
 
 _NOT_RUNNING: Final = "the gateway is not running: use it inside `async with gateway`"
-#: The units that a program has made, by number.
-Units = Mapping[int, CustomUnit]
 
 
 class Gateway:
@@ -43,39 +42,79 @@ class Gateway:
     Several may run at once; each runs once. `units` are made in Python, by the number that clients use.
     """
 
-    def __init__(self, plan: Plan, text: str, file: Path, units: Units | None = None) -> None:
-        """Use `from_toml` or `from_text`."""
-        self._plan = plan
-        self._text = text
-        self._file = file
-        self._units = units or {}
+    def __init__(
+        self,
+        table: Mapping[str, Any],
+        *,
+        units: Units | None = None,
+        state: str | Path | None = None,
+        folder: str | Path = "",
+    ) -> None:
+        """Read and check a config that is a dict: see `from_dict`."""
+        self._take(read_table(table, folder, units or {}, has_state=state is not None), units, state)
+
+    def _take(self, config: GivenConfig, units: Units | None, state: str | Path | None) -> None:
+        self._config = config
+        self._units = dict(units or {})
+        self._state = None if state is None else Path(state)
         self._events = EventStreams(log_event)
         self._life: Life | None = None
         self._operator: Operator | None = None
 
     @classmethod
-    def from_toml(cls, path: str | Path, *, units: Units | None = None) -> Self:
-        """Read and check the config in a file. Blocks for a moment.
-
-        Raises:
-            ConfigError: it has problems.
-        """
-        return cls._of(load(path), Path(path), units)
+    def _of(cls, config: GivenConfig, units: Units | None, state: str | Path | None) -> Self:
+        made = cls.__new__(cls)
+        made._take(config, units, state)
+        return made
 
     @classmethod
-    def from_text(cls, text: str, *, units: Units | None = None) -> Self:
-        """Read and check a config. Own profiles are looked for as if it were a file in the working directory.
+    def from_toml(cls, path: str | Path, *, units: Units | None = None, state: str | Path | None = None) -> Self:
+        """Read and check the config in a file.
+
+        `units` are those that the program has made, each in place of the `[[image]]` with `python` and its number, or
+        one more. What outlives the program is kept in the folder `state`, which no other gateway may use; without it
+        nothing is written to a disk.
+
+        Blocks: some 10 ms, and a second for 10 000 points. In a program that must not wait:
+        `await asyncio.to_thread(Gateway.from_toml, path)`.
 
         Raises:
-            ConfigError: it has problems.
+            ConfigError: it has errors. Its `problems` are those that `modbus-gateway check` tells.
         """
-        return cls._of(parse(text), Path("gateway.toml"), units)
+        found = read_file(path, units or {}, has_state=state is not None)
+        return cls._of(found, units, state)
 
     @classmethod
-    def _of(cls, loaded: Any, file: Path, units: Units | None) -> Self:
-        if loaded.config is None:
-            raise ConfigError("\n".join(loaded.errors), loaded.problems)
-        return cls(resolve(loaded.config), loaded.text, file, units)
+    def from_text(
+        cls,
+        text: str,
+        *,
+        units: Units | None = None,
+        state: str | Path | None = None,
+        folder: str | Path = "",
+    ) -> Self:
+        """Read and check a config that is a text; otherwise as `from_toml`.
+
+        Relative paths and own profiles are looked for in `folder`, by default the working directory.
+        """
+        found = read_text(text, folder, units or {}, has_state=state is not None)
+        return cls._of(found, units, state)
+
+    @classmethod
+    def from_dict(
+        cls,
+        table: Mapping[str, Any],
+        *,
+        units: Units | None = None,
+        state: str | Path | None = None,
+        folder: str | Path = "",
+    ) -> Self:
+        """Read and check a config that is a dict, as `tomllib` makes it; otherwise as `from_text`.
+
+        It may have tuples and paths too. Problems name a key, such as `line[0].baud`, and neither line nor column. The
+        dict is neither changed nor kept. `Gateway(table)` does the same.
+        """
+        return cls(table, units=units, state=state, folder=folder)
 
     @property
     def addresses(self) -> list[str]:
@@ -105,6 +144,7 @@ class Gateway:
 
         Raises:
             ListenError: an address cannot be used.
+            StateError: another gateway uses the folder `state`, or a later version has written what is in it.
             TlsError: a certificate or a key cannot be used.
             RuntimeError: it was started before.
         """
@@ -135,26 +175,51 @@ class Gateway:
     async def _run(self, ready: "_Ready", stop: Stop) -> None:
         """Run until `stop`, as the daemon does."""
         with closing(self._events):
-            plan, fan_out, loop = self._plan, FanOut(self._events.emit), asyncio.get_running_loop()
-            contexts = TlsStore()
-            if plan.secured:
-                certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, plan.secured)
-                warn_of_certificates(certificates, fan_out.emit)
-                contexts.adopt(certificates)
-            running = Running(plan, partial(make_opener, store=contexts), fan_out.emit, contexts=contexts)
-            reloader = Reloader(self._file, running, ready, text=self._text)
-            operator = Operator(running, reloader, events=fan_out.last)
-            pages = None
-            if plan.web is not None:  # only then is its library loaded
-                opening = await loop.run_in_executor(
-                    ThreadPerCall("load web"), import_module, "gateway.web.front.opening"
-                )
-                pages = opening.web_pages(plan.web, operator, fan_out, None)
-            self._operator = operator
-            try:
-                await serve(running, stop, ready, reloader, pages)
-            finally:
-                self._operator = None
+            fan_out = FanOut(self._events.emit)
+            async with state_open(self._state, self._config.plan, fan_out.emit) as kept:
+                await self._run_with(kept, fan_out, ready, stop)
+
+    async def _run_with(self, kept: KeptState, fan_out: FanOut, ready: "_Ready", stop: Stop) -> None:
+        config, plan, loop = self._config, self._config.plan, asyncio.get_running_loop()
+        emit = fan_out.emit if kept.troubles is None else kept.troubles.emit
+        contexts = TlsStore()
+        tell_loaded(config.place, plan, config.problems, emit)
+        if plan.secured:
+            certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, plan.secured)
+            warn_of_certificates(certificates, emit)
+            contexts.adopt(certificates)
+        links = (config.file if plan.control is None else Path(plan.control)).parent
+        running = Running(plan, partial(make_opener, store=contexts, folder=links), emit, kept, contexts=contexts)
+        operator = Operator(running, self._reloader(running, ready, kept.folder), events=fan_out.last)
+        pages = None
+        if plan.web is not None:  # only then is its library loaded
+            opening = await loop.run_in_executor(ThreadPerCall("load web"), import_module, "gateway.web.front.opening")
+            pages = opening.web_pages(plan.web, operator, fan_out, kept.folder)
+        self._operator = operator
+        try:
+            async with AsyncExitStack() as beside:
+                if kept.folder is not None:
+                    await beside.enter_async_context(events_kept(fan_out.last, kept.folder, emit))
+                if plan.control is not None:
+                    await beside.enter_async_context(control_open(Path(plan.control), operator, emit))
+                await serve(running, stop, ready, operator.reloader, pages, control=plan.control or "")
+        finally:
+            self._operator = None
+
+    def _reloader(self, running: Running, manager: Notifier, folder: Path | None) -> Reloader:
+        config, applied = self._config, None
+        if folder is not None and not config.fixed:
+            applied = AppliedConfigs(folder, config.file.name, running.emit)
+        return Reloader(
+            config.file,
+            running,
+            manager,
+            text=config.text,
+            profile_texts=config.profile_texts,
+            read=config.read,
+            applied=applied,
+            fixed=config.fixed,
+        )
 
     @property
     def _running(self) -> Running:

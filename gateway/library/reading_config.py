@@ -6,11 +6,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from gateway.config.check import UnitTrouble
 from gateway.config.checks.embedding import Embedding
 from gateway.config.load import Loaded, load, load_table, load_text
 from gateway.config.machine.address_trouble import address_trouble
+from gateway.config.machine.file_text import folder_of
+from gateway.config.machine.unit_class import find_class
 from gateway.config.plan.settings import Plan
-from gateway.config.problem import Problem
+from gateway.config.problem import Problem, WrongValue
 from gateway.config.resolve import resolve
 from gateway.errors import ConfigError
 from gateway.images.custom_unit import CustomUnit
@@ -39,6 +42,11 @@ class GivenConfig:
     profile_texts: Mapping[str, str] = field(default_factory=dict)
     fixed: str = ""
 
+    @property
+    def place(self) -> str:
+        """Say where it comes from."""
+        return self.file.name if self.fixed else str(self.file)
+
 
 def read_file(path: str | Path, units: Units, *, has_state: bool) -> GivenConfig:
     """Read and check the file at `path`, with the `units` of the program. `read` reads it as it is then.
@@ -47,7 +55,7 @@ def read_file(path: str | Path, units: Units, *, has_state: bool) -> GivenConfig
         ConfigError: it has errors.
     """
     file, embedding = Path(path), _embedding(units, has_state=has_state)
-    return _given(load(file, address_trouble, embedding), file, read=partial(_read_again, embedding))
+    return _given(_load(file, embedding), file, read=partial(_read_again, embedding))
 
 
 def read_text(text: str, folder: str | Path, units: Units, *, has_state: bool) -> GivenConfig:
@@ -55,8 +63,9 @@ def read_text(text: str, folder: str | Path, units: Units, *, has_state: bool) -
     if not isinstance(text, str):
         raise TypeError(f"from_text takes the text of a config, not {type(text).__name__}; from_toml takes a path")
     embedding = _embedding(units, has_state=has_state)
-    loaded = load_text(text, str(_TEXT), Path(folder), address_trouble, embedding)
-    return _given(loaded, folder / _TEXT, fixed=_FIXED.format("text"))
+    file = folder / _TEXT
+    loaded = load_text(text, str(_TEXT), file.parent, address_trouble, _import_from(file), embedding)
+    return _given(loaded, file, fixed=_FIXED.format("text"))
 
 
 def read_table(table: Mapping[str, Any], folder: str | Path, units: Units, *, has_state: bool) -> GivenConfig:
@@ -64,8 +73,9 @@ def read_table(table: Mapping[str, Any], folder: str | Path, units: Units, *, ha
     if not isinstance(table, Mapping):
         raise TypeError(f"a config is a dict, not {type(table).__name__}; from_toml takes a path, from_text a text")
     embedding = _embedding(units, has_state=has_state)
-    loaded = load_table(table, str(_TABLE), Path(folder), address_trouble, embedding)
-    return _given(loaded, folder / _TABLE, fixed=_FIXED.format("dict"))
+    file = folder / _TABLE
+    loaded = load_table(table, str(_TABLE), file.parent, address_trouble, _import_from(file), embedding)
+    return _given(loaded, file, fixed=_FIXED.format("dict"))
 
 
 def _given(loaded: Loaded, file: Path, *, read: ReadConfig | None = None, fixed: str = "") -> GivenConfig:
@@ -88,12 +98,32 @@ class _Same:
 
 def _read_again(embedding: Embedding, file: Path, *, look_around: bool = False) -> ConfigRead:
     """See ReadConfig. The program may be no Python that could start a process to read it, as the daemon does."""
-    loaded = load(file, address_trouble, embedding)
+    loaded = _load(file, embedding)
     if look_around:
         from gateway.readconfig.file_troubles import with_file_troubles  # noqa: PLC0415 - only needed for this
 
         loaded = with_file_troubles(loaded, str(file))
     return _config_read(loaded)
+
+
+def _load(file: Path, embedding: Embedding) -> Loaded:
+    return load(file, address_trouble, _import_from(file), embedding)
+
+
+def _import_from(file: Path) -> UnitTrouble:
+    """Make the function that imports a class that the config names, and says why it cannot be used."""
+    folder = folder_of(file)
+
+    def trouble(python: str) -> WrongValue | None:
+        if ":" not in python:  # a unit of the program
+            return None
+        try:
+            find_class(python, folder)
+        except WrongValue as wrong:
+            return wrong
+        return None
+
+    return trouble
 
 
 def _config_read(loaded: Loaded) -> ConfigRead:

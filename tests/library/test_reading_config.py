@@ -15,11 +15,19 @@ from types import MappingProxyType
 import pytest
 from hypothesis import given
 
+from gateway.cli.main import main
 from gateway.errors import ConfigError
 from gateway.library.reading_config import read_file, read_table, read_text
 from kit.configs import accepted_configs
 
-LINE = '[[line]]\nname = "hall"\nport = "/dev/null"\nbaud = 9600\nformat = "8E1"\ndevices = [{ unit = 1, name = "silo" }]\n'
+LINE = """\
+[[line]]
+name = "hall"
+port = "/dev/null"
+baud = 9600
+format = "8E1"
+devices = [{ unit = 1, name = "silo" }]
+"""
 WRONG = f"""\
 {LINE}
 [[line]]
@@ -161,7 +169,8 @@ def test_what_is_no_text_is_a_type_error(config):
 
 def test_problems_of_a_text_have_their_places():
     error = refused(from_text, "\ufeff" + LINE.replace("9600", '"9600"').replace("\n", "\r\n"))
-    assert str(error) == '<text>:4:8: error: line[0].baud: must be a whole number (line "hall")\n' + (
+    assert str(error) == (
+        '<text>:4:8: error: line[0].baud: must be a whole number (line "hall")\n'
         "  help: write it without quotes: baud = 9600"
     )
 
@@ -200,8 +209,6 @@ def test_a_wrong_profile_is_told_with_its_file(tmp_path):
 
 
 def test_a_file_says_what_check_says(tmp_path, capsys):
-    from gateway.cli.main import main
-
     file = tmp_path / "gateway.toml"
     file.write_text(WRONG)
     error = refused(read_file, file, {}, has_state=True)

@@ -70,4 +70,4 @@ def is_about_units(path: Path) -> bool:
 
 
 def _is_for(image: Image, given: Mapping[int, str]) -> bool:
-    return image.unit in given and getattr(image, "python", None) is not None
+    return image.unit in given and image.python is not None
