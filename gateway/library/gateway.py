@@ -64,7 +64,7 @@ class Gateway:
     @classmethod
     def _of(cls, config: GivenConfig, units: Units | None, state: str | Path | None) -> Self:
         made = cls.__new__(cls)
-        made._take(config, units, state)
+        made._take(config, units, state)  # noqa: SLF001 - its own
         return made
 
     @classmethod
