@@ -5,6 +5,7 @@
 - beside       tasks beside others
 - slices       long readings, with pauses for the lines
 - threads      calls into drivers
+- loop_thread  a thread with an event loop of its own
 - times        times of day as text
 - setting      how the wall clock is set
 """

@@ -126,6 +126,29 @@ class EventsDropped(Event):
     write_audits: int
 
 
+class CustomUnitFailed(Event):
+    """An error in a unit that is made in Python, in its author's code: its client got 04.
+
+    `others` requests have failed so since the event before; `traceback` is empty if nothing was raised.
+    """
+
+    level = Level.ERROR
+    says = "{device}, a unit made in Python, has failed: {error}[; {others} other requests had failed before]"
+    unit: int
+    device: str
+    error: str
+    traceback: str
+    others: int | None = None
+
+
+class CustomUnitsLeft(Event):
+    """Calls of units made in Python did not end in time when they were cancelled, and may go on."""
+
+    level = Level.WARNING
+    says = "{devices} did not end in time, and may go on"
+    devices: tuple[str, ...]
+
+
 class StateNotKept(Event):
     """Values that must be kept over a restart could not be written to their file."""
 

@@ -8,7 +8,7 @@ from gateway.errors import IllegalAddress, IllegalFunction, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
 from gateway.images.last_writes import LastWrites
 from gateway.images.services import PRODUCT, Diagnostics, Identity
-from gateway.images.tables import make_tables, perform
+from gateway.images.tables import Tables, make_tables, perform
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import TABLE_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, Span
@@ -67,10 +67,11 @@ class Image:
         ring: Ring | None = None,
         diagnostics: Diagnostics | None = None,
         product: str = PRODUCT,
+        tables: Tables | None = None,
     ) -> None:
         self.settings = settings
         self.name = settings.name
-        self.tables = make_tables(settings.areas, settings.initial)
+        self.tables = make_tables(settings.areas, settings.initial) if tables is None else tables
         #: Whether its values are known.
         self.has_started = True
         self.counts = ImageCounts()
@@ -89,14 +90,14 @@ class Image:
             FunctionCode.ENCAPSULATED_INTERFACE: identity.identify,
         }
 
-    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - an image answers at once
+    def submit(self, request: Request, now: float) -> None:
         """Answer `request`."""
         self._begin(request)
         try:
             outcome: bytes | RequestError = self._perform(self._check(request))
         except RequestError as error:
             outcome = error
-        self._finish(request, outcome)
+        self._finish(request, outcome, now)
 
     def _begin(self, request: Request) -> None:
         """Count a request before it is executed."""
@@ -112,19 +113,23 @@ class Image:
         service = self._services.get(asked.function)
         return perform(self.tables, asked) if service is None else service(asked.data)
 
-    def _finish(self, request: Request, outcome: bytes | RequestError) -> None:
+    def _finish(self, request: Request, outcome: bytes | RequestError, now: float) -> None:
         """Answer a request, and count its result."""
         if isinstance(outcome, bytes):
             self.diagnostics.done(request)
             self.last_writes.done(request)
-            self._ring.answer(request, outcome, request.received_at, self.settings.name)
+            self._ring.answer(request, outcome, now, self.settings.name)
             request.respond(outcome)
         else:
             self.counts.exceptions += 1
             self.diagnostics.refused(request, outcome.code)
-            self._emit(RequestRefused.of(request, outcome, device=self.settings.name))
-            self._ring.refuse(request, outcome, request.received_at, name=self.settings.name)
+            self._tell(request, outcome, now)
+            self._ring.refuse(request, outcome, now, name=self.settings.name)
             request.fail(outcome)
+
+    def _tell(self, request: Request, error: RequestError, now: float) -> None:  # noqa: ARG002 - for subclasses
+        """Log that a request gets an exception."""
+        self._emit(RequestRefused.of(request, error, device=self.settings.name))
 
     def _check(self, request: Request) -> RequestPdu:
         """Parse and check a request in the order of the specification (A 7). Changes nothing.
@@ -149,9 +154,12 @@ class Image:
 
     def _check_places(self, asked: RequestPdu) -> RequestPdu:
         for span in (asked.read, asked.write):
-            if span is not None and not self.tables[span.area].has(span):
+            if span is not None and not self._has(span):
                 raise IllegalAddress(f"{self.settings.name} has no {span.area} {span.addresses}")
         return asked
+
+    def _has(self, span: Span) -> bool:
+        return self.tables[span.area].has(span)
 
     def __repr__(self) -> str:
         counts = f"requests={self.counts.requests} exceptions={self.counts.exceptions}"

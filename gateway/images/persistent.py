@@ -112,7 +112,7 @@ class PersistentImage(Image):
         if any(other.request.caller.client == client for other in self._waiting):
             self._waiting.append(waiting)
         else:
-            self._finish(waiting.request, waiting.outcome)
+            self._finish(waiting.request, waiting.outcome, waiting.request.received_at)
 
     def _write(self, request: Request, span: Span, act: Callable[[], bytes]) -> None:
         write = _Write(request, act())
@@ -136,7 +136,7 @@ class PersistentImage(Image):
 
     def _finish_next(self) -> None:
         waiting = self._waiting.popleft()
-        self._finish(waiting.request, waiting.outcome)
+        self._finish(waiting.request, waiting.outcome, waiting.request.received_at)
 
     def _undo(self) -> None:
         undone = list(self._waiting)
@@ -145,7 +145,7 @@ class PersistentImage(Image):
         for waiting in undone:
             if isinstance(waiting, _Write):
                 waiting.outcome = DeviceFailure(f"{self.settings.name}: the write could not be saved")
-                self._finish(waiting.request, waiting.outcome)
+                self._finish(waiting.request, waiting.outcome, waiting.request.received_at)
             else:
                 self._act(waiting.request)
 

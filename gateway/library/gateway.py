@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from gateway.clock.threads import ThreadPerCall
+from gateway.config.machine.file_text import folder_of
 from gateway.control.server import control_open
 from gateway.events import Event
 from gateway.library.event_stream import EventStreams
@@ -189,7 +190,16 @@ class Gateway:
             warn_of_certificates(certificates, emit)
             contexts.adopt(certificates)
         links = (config.file if plan.control is None else Path(plan.control)).parent
-        running = Running(plan, partial(make_opener, store=contexts, folder=links), emit, kept, contexts=contexts)
+        running = Running(
+            plan,
+            partial(make_opener, store=contexts, folder=links),
+            emit,
+            kept,
+            contexts=contexts,
+            units=self._units,
+            folder=folder_of(config.file),
+        )
+        running.builder.custom.find = self.unit
         operator = Operator(running, self._reloader(running, ready, kept.folder), events=fan_out.last)
         pages = None
         if plan.web is not None:  # only then is its library loaded

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from gateway.config.values.ranges import MOST_ITEMS, join_ranges
 from gateway.devices.device import Device
+from gateway.images.custom_image import CustomImage
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
 from gateway.images.virtual.unit import VirtualUnit
@@ -59,7 +60,7 @@ class ReadableHoles(Holes):
 
 def target(gateway: Gateway, unit: int) -> object:
     """Find what answers for a unit: the same object until a reload replaces it; None if nothing does."""
-    return device_of(gateway, unit) or image_of(gateway, unit)
+    return device_of(gateway, unit) or held_of(gateway, unit)
 
 
 def device_of(gateway: Gateway, unit: int) -> Device | None:
@@ -78,6 +79,12 @@ def holes_of(gateway: Gateway, unit: int) -> Holes:
 
 
 def image_of(gateway: Gateway, unit: int) -> Held | None:
-    """Find the image, mirror or virtual unit with this number."""
+    """Find the image, mirror or virtual unit with this number. One that is made in Python is none: it has no values."""
+    found = held_of(gateway, unit)
+    return None if isinstance(found, CustomImage) else found
+
+
+def held_of(gateway: Gateway, unit: int) -> Held | None:
+    """Find what the gateway itself answers for this unit with."""
     images: tuple[Held, ...] = (*gateway.images, *(driver.unit for driver in gateway.polling_units))
     return next((image for image in images if image.settings.unit == unit), None)

@@ -11,6 +11,7 @@ that are the same as before, and `Running.switch` replaces the previous one with
 - polls, reads         the polls of a unit, for all that want its values; the last reads of devices, over a reload
 - gateway              what is built: a plan, its parts, the routes between them
 - gateway_line, gateway_upstream, gateway_server, gateway_monitor    one table of the config with all that it needs
+- custom_images, custom_units    the units made in Python, and where their calls are carried out
 - routers              the routers of requests that come by no listener: control socket, HTTP
 - add_ons, add_on      parts with a section of their own, in one list: what each must do
 - mqtt, fleet          a room for each of them

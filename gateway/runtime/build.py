@@ -27,6 +27,7 @@ from gateway.ports.addresses import Addresses
 from gateway.ports.port import Opener, OpenPort, SiteSettings
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import CertifiedRouter, Router
+from gateway.runtime.custom_images import CustomImages
 from gateway.runtime.gateway import Gateway, Listener
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_monitor import GatewayMonitor
@@ -47,7 +48,8 @@ class Builder:
     """Builds gateways with what all their parts use.
 
     `opener` opens ports, `open_site` those that are units of another site, and `buckets` has the leases of lines.
-    Persistent images need a `store`, and TLS listeners `contexts`. `pollers` poll devices.
+    Persistent images need a `store`, and TLS listeners `contexts`. `pollers` poll devices, `custom` makes the images of
+    units made in Python.
     """
 
     loop: asyncio.AbstractEventLoop
@@ -60,13 +62,18 @@ class Builder:
     open_site: Callable[[str], OpenPort]
     buckets: "Buckets"
     pollers: Pollers
+    custom: CustomImages
 
     def prepare(self, plan: Plan) -> None:
-        """Read what persistent images of a plan have saved. Blocks: an image may have a hundred thousand values.
+        """Read what persistent images of a plan have saved, and make its units made in Python. Blocks.
+
+        An image may have a hundred thousand values.
 
         Raises:
-            StateError: it cannot be read.
+            StateError: what was saved cannot be read.
+            ConfigError: a class that the config names cannot be used.
         """
+        self.custom.prepare(plan)
         if plan.has_kept_images:
             self.opened_store()
 
@@ -174,6 +181,8 @@ class _Parts:
         if old is not None and old.settings == settings:
             return old
         by = self._by
+        if settings.python:
+            return by.custom.image(settings)
         if settings.shows_gateway:
             return SelfImage(settings, by.emit, by.ring)
         if settings.persist == "never":

@@ -13,9 +13,9 @@ DRAIN_TIME: Final = 3.0
 _DRAIN_STEP: Final = 0.02
 
 
-async def until(is_done: Callable[[], bool]) -> None:
-    """Wait until `is_done`, at most DRAIN_TIME."""
+async def until(is_done: Callable[[], bool], longest: float = DRAIN_TIME) -> None:
+    """Wait until `is_done`, at most `longest` seconds."""
     loop = asyncio.get_running_loop()
-    end = loop.time() + DRAIN_TIME
+    end = loop.time() + longest
     while loop.time() < end and not is_done():
         await asyncio.sleep(_DRAIN_STEP)

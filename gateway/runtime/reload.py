@@ -158,8 +158,9 @@ class Reloader:
                 old_code = await loop.run_in_executor(ThreadPerCall("look at modules"), list, outdated(new.images))
             defect = await self._switch(self._running.builder.build(new, self._running.gateway), certificates)
         except TimeoutError:
-            return self._rejected((f"what images keep, or certificates, cannot be read within {LOADING_TIME:g} s",))
-        except (ListenError, StateError, TlsError) as error:
+            what = "what images keep, certificates, or units made in Python,"
+            return self._rejected((f"{what} cannot be loaded within {LOADING_TIME:g} s",))
+        except (ConfigError, ListenError, StateError, TlsError) as error:
             return self._rejected((str(error),))
         self._settle()
         self.text, self.profile_texts = loaded.text, loaded.profile_texts

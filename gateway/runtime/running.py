@@ -1,14 +1,16 @@
 """A running gateway: starts, switches to another config, drains, and stops."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import Final
 
 from gateway import events
 from gateway.config.plan.settings import Plan
 from gateway.errors import PortError
+from gateway.images.custom_unit import CustomUnit
 from gateway.images.drivers.polls_driver import Pollers
 from gateway.listeners.programs import ProgramListener
 from gateway.listeners.serial import SerialListener
@@ -20,6 +22,7 @@ from gateway.routing.router import NamingRouter
 from gateway.runtime.add_on import AddOn
 from gateway.runtime.add_ons import AddOns
 from gateway.runtime.build import Builder
+from gateway.runtime.custom_images import CustomImages
 from gateway.runtime.draining import until
 from gateway.runtime.gateway import Driver, Gateway, Listener
 from gateway.runtime.kept_state import KeptState
@@ -41,7 +44,8 @@ class Running:
     """A running gateway, and what outlives its reloads: its other routers, ring, certificates and add-ons.
 
     `opener` opens ports, `kept` is the state that outlives the process, `sockets` are those that were bound before the
-    process started.
+    process started. `units` are made by the program, by the number that clients use; modules with others may lie in
+    `folder`.
     """
 
     def __init__(
@@ -53,6 +57,8 @@ class Running:
         *,
         contexts: TlsStore | None = None,
         sockets: OpenSockets | None = None,
+        units: Mapping[int, CustomUnit] | None = None,
+        folder: Path | None = None,
     ) -> None:
         loop, kept = asyncio.get_running_loop(), kept or KeptState()
         self.emit = emit
@@ -75,6 +81,7 @@ class Running:
             open_site=self.add_ons.fleet.opener,
             buckets=self.add_ons.fleet.bucket,
             pollers=pollers,
+            custom=CustomImages(loop, emit, self.ring, units, folder),
         )
         #: The address of the web page, or why there is none though the config has one.
         self.page = ""
@@ -138,6 +145,7 @@ class Running:
             await self.ports.end_all()
             for each in self.gateway.polling_units:
                 each.close()
+            await self.builder.custom.close()
 
     async def tried(self) -> None:
         """Wait as `settled` does, then start the polls of mirrors and virtual units."""
@@ -189,6 +197,7 @@ class Running:
         for driver in drivers:
             if driver not in servers:
                 driver.port_down(PortError("the gateway is stopping"))
+        self.builder.custom.keep(())
 
     async def switch(self, new: Gateway) -> None:
         """Switch to another gateway. Parts that both have are not interrupted.
@@ -206,6 +215,7 @@ class Running:
         self._listening.finish(gone)
         self.apply(new)
         _close_units(old, new)
+        self.builder.custom.keep(new.images)
         self._listening.start(come)
         async with asyncio.TaskGroup() as group:
             self._listening.retire(gone, group)

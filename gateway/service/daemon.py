@@ -2,7 +2,7 @@
 
 import asyncio
 import signal
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, nullcontext
 from functools import partial
 from importlib import import_module
@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 
 from gateway import events
 from gateway.clock.exact_loop import run_exactly
+from gateway.config.machine.file_text import folder_of
 from gateway.config.plan.settings import Plan, WebPlan
 from gateway.control.path import control_path, usual_path_leads
 from gateway.control.server import control_open
-from gateway.errors import ListenError, StateError, TlsError
+from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.listeners.sockets import OpenSockets
 from gateway.observe.event_file import events_kept
 from gateway.observe.fan_out import FanOut
@@ -36,6 +37,9 @@ from gateway.state.memory import state_folder
 from gateway.state.troubles import StateTroubles
 from gateway.tls.store import TlsStore, load_all
 
+#: Makes the client of a unit, by number or name, of the gateway that an operator works on.
+UnitClients = Callable[[Callable[[], Operator], int | str], Any]
+
 
 class _Source(NamedTuple):
     """The config file, and what was read of it."""
@@ -44,10 +48,13 @@ class _Source(NamedTuple):
     read: ConfigRead
 
 
-def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) -> None:
+def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None, unit_client: UnitClients) -> None:
     """Run the `plan` that was `read` from `file`, until SIGTERM or SIGINT. `control` overrides the socket's path.
 
+    Units made in Python ask others through what `unit_client` makes.
+
     Raises:
+        ConfigError: a unit made in Python cannot be made.
         ListenError: a listener's address cannot be used.
         StateError: the remembered state cannot be read.
         TlsError: a certificate or a key cannot be used.
@@ -57,8 +64,8 @@ def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None) ->
             fan_out = FanOut(log)
             tell_loaded(str(file), plan, read.problems, fan_out.emit)
             path = Path(control or plan.control or control_path(file)).absolute()
-            _serve(plan, _Source(file, read), path, fan_out)
-    except (ListenError, StateError, TlsError) as error:
+            _serve(plan, _Source(file, read), path, fan_out, unit_client)
+    except (ConfigError, ListenError, StateError, TlsError) as error:
         tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
         raise
 
@@ -70,13 +77,13 @@ def tell_journal(rejected: events.ConfigRejected) -> None:
             emit(rejected)
 
 
-def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut) -> None:
+def _serve(plan: Plan, source: _Source, control: Path, fan_out: FanOut, unit_client: UnitClients) -> None:
     folder = state_folder()
     troubles = StateTroubles(folder, fan_out.emit)
     with state_kept(folder, troubles) as kept:
         for remembered in in_force(plan, kept.memory):
             troubles.emit(remembered)
-        run_exactly(_run(plan, source, control, kept, folder, fan_out, troubles.emit))
+        run_exactly(_run(plan, source, control, kept, folder, fan_out, troubles.emit, unit_client))
 
 
 def _load_certificates(plan: Plan, emit: events.Emit) -> TlsStore:
@@ -87,7 +94,14 @@ def _load_certificates(plan: Plan, emit: events.Emit) -> TlsStore:
 
 
 async def _run(
-    plan: Plan, source: _Source, control: Path, kept: KeptState, folder: Path, fan_out: FanOut, emit: events.Emit
+    plan: Plan,
+    source: _Source,
+    control: Path,
+    kept: KeptState,
+    folder: Path,
+    fan_out: FanOut,
+    emit: events.Emit,
+    unit_client: UnitClients,
 ) -> None:
     loop = asyncio.get_running_loop()
     contexts = _load_certificates(plan, emit)
@@ -95,7 +109,7 @@ async def _run(
 
     systemd, stop, hang_up = Notifier(), Stop(), HangUp()
     sockets = OpenSockets(take_inherited_sockets())
-    running = Running(plan, open_port, emit, kept, contexts=contexts, sockets=sockets)
+    running = Running(plan, open_port, emit, kept, contexts=contexts, sockets=sockets, folder=folder_of(source.file))
     applied, read = AppliedConfigs(folder, source.file.name, emit), source.read
     reloader = Reloader(
         source.file,
@@ -110,6 +124,7 @@ async def _run(
         loop.add_signal_handler(number, stop.order, number.name)
     loop.add_signal_handler(signal.SIGHUP, _reload_or_stop, reloader, stop, hang_up)
     operator = Operator(running, reloader, events=fan_out.last)
+    running.builder.custom.find = partial(unit_client, lambda: operator)
     pages = _web_pages(plan.web, operator, fan_out, folder)
     with usual_path_leads(control_path(source.file), control):
         async with events_kept(fan_out.last, folder, emit), control_open(control, operator, emit):

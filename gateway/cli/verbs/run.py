@@ -5,6 +5,7 @@ import faulthandler
 import resource
 import sys
 from pathlib import Path
+from typing import Any
 
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.errors import ConfigError
@@ -41,8 +42,15 @@ def run(args: argparse.Namespace) -> int:
         tell_journal(events.ConfigRejected.of(str(file), read.errors))
         print(*read.problems, sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
-    run_daemon(file, read, read.plan, args.control)
+    run_daemon(file, read, read.plan, args.control, _unit_client)
     return FINE
+
+
+def _unit_client(*arguments: Any) -> Any:
+    """Make a UnitClient, for a unit made in Python; most gateways have none."""
+    from gateway.library.unit_client import UnitClient  # noqa: PLC0415 - see above
+
+    return UnitClient(*arguments)
 
 
 def _dump_no_core() -> None:

@@ -1,0 +1,71 @@
+"""A thread with an event loop of its own, for code that may block."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import suppress
+from threading import Lock, Thread
+from typing import Any, Final
+
+from gateway.clock.threads import ThreadPerCall
+
+#: How long the thread may take to end, in seconds.
+ENDING_TIME: Final = 1.0
+
+
+class LoopThread:
+    """A thread named `name`, which is started by the first call, and carries out calls in its event loop."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread: Thread | None = None
+        self._starting = Lock()
+
+    def call_soon(self, call: Callable[..., object], *arguments: Any) -> None:
+        """Have the thread call `call`, from any thread. After `close` nothing is called.
+
+        Raises:
+            RuntimeError: no thread can be started.
+        """
+        with self._starting:
+            if self._loop is None:
+                loop = _Loop()
+                self._thread = Thread(target=_run, args=(loop,), name=self._name, daemon=True)
+                try:
+                    self._thread.start()
+                except RuntimeError:
+                    loop.close()
+                    raise
+                self._loop = loop
+        with suppress(RuntimeError):  # it is closed
+            self._loop.call_soon_threadsafe(call, *arguments)
+
+    async def close(self) -> bool:
+        """End the thread; its tasks are cancelled. Return False if it does not end in ENDING_TIME: then it is left.
+
+        Python does not wait for it at its exit.
+        """
+        if self._loop is None or self._thread is None:
+            return True
+        with suppress(RuntimeError):  # it is closed already
+            self._loop.call_soon_threadsafe(self._loop.stop)
+        waiting = ThreadPerCall(f"end of {self._name}")
+        await asyncio.get_running_loop().run_in_executor(waiting, self._thread.join, ENDING_TIME)
+        return not self._thread.is_alive()
+
+
+class _Loop(asyncio.SelectorEventLoop):
+    """An event loop whose usual executor has no threads that Python would wait for at its exit."""
+
+    def run_in_executor(  # type: ignore[override]  # mypy knows no *args of the kind that its stub has
+        self, executor: Executor | None, func: Callable[..., Any], *args: Any
+    ) -> asyncio.Future[Any]:
+        """Run `func` in a thread."""
+        return super().run_in_executor(executor or ThreadPerCall("asyncio"), func, *args)
+
+
+def _run(loop: asyncio.AbstractEventLoop) -> None:
+    """Run a loop until it is stopped; then end what it still has, and close it."""
+    with asyncio.Runner(loop_factory=lambda: loop) as runner:
+        runner.get_loop().run_forever()

@@ -1,0 +1,96 @@
+"""The units made in Python of a running gateway: their objects, and where their calls are carried out."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from gateway.clock.loop_thread import ENDING_TIME, LoopThread
+from gateway.config.plan.settings import Plan
+from gateway.events import CustomUnitsLeft, Emit
+from gateway.images.custom_image import CustomImage
+from gateway.images.custom_unit import CustomUnit
+from gateway.images.drivers.custom_driver import CustomDriver
+from gateway.images.image import Image, ImageSettings
+from gateway.runtime.custom_units import made
+from gateway.runtime.draining import until
+from gateway.trace.ring import Ring
+
+
+class CustomImages:
+    """Makes the images of units made in Python, and ends them.
+
+    Those that the program has `given`, by unit, are called in its loop. All others are made of the classes that the
+    config names, of modules that may lie in `folder` too, and are called in one thread: one that blocks stops nothing
+    but these.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        emit: Emit,
+        ring: Ring,
+        given: Mapping[int, CustomUnit] | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        #: Finds a unit of the gateway for `CustomUnit.unit`; set before the first request by what can ask units.
+        self.find: Callable[[int | str], Any] | None = None
+        self._loop = loop
+        self._emit = emit
+        self._ring = ring
+        self._given = given or {}
+        self._folder = folder or Path()
+        self._thread = LoopThread("custom units")
+        #: Those made by `prepare`.
+        self._made: dict[tuple[int, str], CustomUnit] = {}
+        self._drivers: list[CustomDriver] = []
+
+    def prepare(self, plan: Plan) -> None:
+        """Make the units that are new in a plan. Blocks, as the code of their authors may.
+
+        Raises:
+            ConfigError: a class cannot be used.
+        """
+        present = [driver.image.settings for driver in self._drivers]
+        self._made = {
+            (one.unit, one.python): made(one.python, self._folder)
+            for one in plan.images
+            if one.python and one.unit not in self._given and one not in present
+        }
+
+    def image(self, settings: ImageSettings) -> CustomImage:
+        """Make the image of a unit, of what `prepare` has made if it was called.
+
+        Raises:
+            ConfigError: as `prepare`.
+        """
+        unit, there = self._given.get(settings.unit), None
+        if unit is None:
+            there = self._thread.call_soon
+            unit = self._made.pop((settings.unit, settings.python), None) or made(settings.python, self._folder)
+        unit._find = self._found  # noqa: SLF001 - what the gateway sets
+        driver = CustomDriver(settings, unit, self._loop, self._emit, self._ring, there)
+        self._drivers.append(driver)
+        return driver.image
+
+    def keep(self, images: Iterable[Image]) -> None:
+        """Close all but these: their requests fail, and their calls are cancelled."""
+        kept = [id(image) for image in images]
+        for driver in self._drivers:
+            if id(driver.image) not in kept:
+                driver.close()
+        self._drivers = [each for each in self._drivers if id(each.image) in kept or each.is_busy]
+
+    async def close(self) -> None:
+        """Close all, and wait for their calls and the thread to end; what does not in ENDING_TIME is left behind."""
+        self.keep(())
+        await self._thread.close()
+        await until(lambda: not any(driver.is_busy for driver in self._drivers), ENDING_TIME)
+        left = tuple(driver.image.name for driver in self._drivers if driver.is_busy)
+        if left:
+            self._emit(CustomUnitsLeft(left))
+
+    def _found(self, unit: int | str) -> Any:
+        if self.find is None:
+            raise RuntimeError("this unit belongs to no gateway that has been started")
+        return self.find(unit)
