@@ -235,7 +235,10 @@ class CustomImage(Image):
 
     def _time_out(self, turn: _Turn, now: float) -> None:
         """Answer a request whose calls have taken too long."""
-        error = ResponseTimeout(f"{self.name} did not answer within {self.settings.timeout:g} s")
+        settings, request = self.settings, turn.request
+        error = ResponseTimeout(f"{self.name} did not answer within {settings.timeout:g} s")
+        elapsed, limit = round((now - request.received_at) * 1000, 1), round(settings.timeout * 1000, 1)
+        self._emit(RequestTimeout("", settings.unit, self.name, request.pdu[0], elapsed, limit, settings.source))
         self._record_failure(now)
         self._finish_early(turn, error, self._waited_too_long(), now)
 
@@ -297,13 +300,9 @@ class CustomImage(Image):
     def _has(self, span: Span) -> bool:
         return covers(self.settings.areas.get(span.area, ()), span)
 
-    def _tell(self, request: Request, error: RequestError, now: float) -> None:
-        if isinstance(error, ResponseTimeout):
-            elapsed, limit = round((now - request.received_at) * 1000, 1), round(self.settings.timeout * 1000, 1)
-            source, function = self.settings.source, request.pdu[0]
-            self._emit(RequestTimeout("", self.settings.unit, self.name, function, elapsed, limit, source))
-        elif not isinstance(error, _UNTOLD):
-            super()._tell(request, error, now)
+    def _tell(self, request: Request, error: RequestError) -> None:
+        if not isinstance(error, _UNTOLD):
+            super()._tell(request, error)
 
 
 def _values(asked: RequestPdu, span: Span) -> tuple[int, ...]:

@@ -123,11 +123,11 @@ class Image:
         else:
             self.counts.exceptions += 1
             self.diagnostics.refused(request, outcome.code)
-            self._tell(request, outcome, now)
+            self._tell(request, outcome)
             self._ring.refuse(request, outcome, now, name=self.settings.name)
             request.fail(outcome)
 
-    def _tell(self, request: Request, error: RequestError, now: float) -> None:  # noqa: ARG002 - for subclasses
+    def _tell(self, request: Request, error: RequestError) -> None:
         """Log that a request gets an exception."""
         self._emit(RequestRefused.of(request, error, device=self.settings.name))
 
