@@ -36,6 +36,8 @@ __all__ = (
     "ConfigWarning",
     "ConnectionRenewed",
     "ControlClosed",
+    "CustomUnitFailed",
+    "CustomUnitsLeft",
     "EchoHeard",
     "Emit",
     "Event",

@@ -169,7 +169,9 @@ class CustomImage(Image):
         turn, waiting = self._present, list(self._waiting)
         self._waiting.clear()
         if turn is not None and not turn.is_answered:
-            self._finish_early(turn, LineLost(f"{self.name} has ended"), LineDown(f"{self.name} has ended"), now)
+            has_ended = f"{self.name} has ended"
+            error = LineLost(has_ended) if self._cancel(turn, now) else LineDown(has_ended)
+            self._finish(turn.request, error, now)
         for each in waiting:
             self._finish(each.request, LineDown(f"{self.name} has ended"), now)
         self._calls.wake_at(None)
@@ -236,20 +238,22 @@ class CustomImage(Image):
     def _time_out(self, turn: _Turn, now: float) -> None:
         """Answer a request whose calls have taken too long."""
         settings, request = self.settings, turn.request
-        error = ResponseTimeout(f"{self.name} did not answer within {settings.timeout:g} s")
-        elapsed, limit = round((now - request.received_at) * 1000, 1), round(settings.timeout * 1000, 1)
-        self._emit(RequestTimeout("", settings.unit, self.name, request.pdu[0], elapsed, limit, settings.source))
+        error: RequestError = WaitedTooLong(f"{self.name} could not begin within {settings.timeout:g} s")
+        if self._cancel(turn, now):
+            error = ResponseTimeout(f"{self.name} did not answer within {settings.timeout:g} s")
+            elapsed, limit = round((now - request.received_at) * 1000, 1), round(settings.timeout * 1000, 1)
+            self._emit(RequestTimeout("", settings.unit, self.name, request.pdu[0], elapsed, limit, settings.source))
         self._record_failure(now)
-        self._finish_early(turn, error, self._waited_too_long(), now)
+        self._finish(request, error, now)
 
-    def _finish_early(self, turn: _Turn, begun: RequestError, not_begun: RequestError, now: float) -> None:
-        """Answer a request before its calls are over: with one error if it has begun, else with the other one."""
+    def _cancel(self, turn: _Turn, now: float) -> bool:
+        """Cancel the calls of a request, which gets its answer now. Return whether the unit may have acted."""
         goes_on = self._calls.cancel()
         if goes_on:
             turn.is_answered, self._hangs_since = True, now
         else:
             self._present = None
-        self._finish(turn.request, begun if goes_on or turn.has_effect else not_begun, now)
+        return goes_on or turn.has_effect
 
     def _record_failure(self, now: float) -> None:
         if not self.breaker.is_resting(now) and self.breaker.record_failure(self.settings.timeout, now):

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from gateway.clock.loop_thread import ENDING_TIME, LoopThread
 from gateway.config.plan.settings import Plan
@@ -15,6 +15,9 @@ from gateway.images.image import Image, ImageSettings
 from gateway.runtime.custom_units import made
 from gateway.runtime.draining import until
 from gateway.trace.ring import Ring
+
+#: How long the loop waits for what a thread that has ended has told it, in seconds.
+_LAST_WORDS: Final = 0.05
 
 
 class CustomImages:
@@ -84,11 +87,13 @@ class CustomImages:
     async def close(self) -> None:
         """Close all, and wait for their calls and the thread to end; what does not in ENDING_TIME is left behind."""
         self.keep(())
+        end = self._loop.time() + ENDING_TIME
         await self._thread.close()
-        await until(lambda: not any(driver.is_busy for driver in self._drivers), ENDING_TIME)
-        left = tuple(driver.image.name for driver in self._drivers if driver.is_busy)
-        if left:
-            self._emit(CustomUnitsLeft(left))
+        left = max(end - self._loop.time(), _LAST_WORDS)
+        await until(lambda: not any(driver.is_busy for driver in self._drivers), left)
+        busy = tuple(driver.image.name for driver in self._drivers if driver.is_busy)
+        if busy:
+            self._emit(CustomUnitsLeft(busy))
 
     def _found(self, unit: int | str) -> Any:
         if self.find is None:
