@@ -22,7 +22,20 @@ if __name__ == "__main__":
 
 from kit.virtual_time import VirtualTimeLoop
 from soak.tally import Tally
-from soak.worlds import bits, lines, maps, mirrors, monitors, moving, over_tcp, reloads, rights, upstreams, writers
+from soak.worlds import (
+    bits,
+    lines,
+    maps,
+    mirrors,
+    monitors,
+    moving,
+    over_tcp,
+    programs,
+    reloads,
+    rights,
+    upstreams,
+    writers,
+)
 
 #: Plays one run of so many transactions, this share of them with a fault, from a seed; in virtual time.
 World = Callable[[int, float, int], Awaitable[Tally]]
@@ -34,6 +47,7 @@ WORLDS: Final[dict[str, World]] = {
     "monitors": monitors.play,
     "moving": moving.play,
     "over_tcp": over_tcp.play,
+    "programs": programs.play,
     "reloads": reloads.play,
     "rights": rights.play,
     "upstreams": upstreams.play,

@@ -17,17 +17,21 @@ from gateway.images.virtual.layout import Touched
 from gateway.images.virtual.row import Freshness, Row
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.images.virtual.writes import write_to
+from gateway.library.unit_client import UnitClient
 from gateway.lines.last_reads import LastReads
 from gateway.lines.ledger import Ledger
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.transaction import Transaction
 from gateway.modbus.mbap import TcpFrame
 from gateway.modbus.pdu import RequestPdu, Span
+from gateway.operator.operator import Operator
+from gateway.operator.requests import AwaitedOrigin
 from gateway.profiles.conversion import Conversion
 from gateway.profiles.guards import Guard
 from gateway.profiles.writing import Write
 from gateway.request import Request
 from gateway.routing.access import EntryPoint
+from gateway.routing.audit import AuditedOrigin
 from gateway.routing.rights import Rights
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.gateway_line import GatewayLine
@@ -40,7 +44,9 @@ Lie = Callable[[pytest.MonkeyPatch], None]
 
 
 @pytest.mark.search
-@pytest.mark.parametrize("world", ["bits", "maps", "mirrors", "monitors", "reloads", "rights", "upstreams", "writers"])
+@pytest.mark.parametrize(
+    "world", ["bits", "maps", "mirrors", "monitors", "programs", "reloads", "rights", "upstreams", "writers"]
+)
 def test_no_answer_is_wrong(world: str) -> None:
     tally = run(world, 2500, 0.2, seed=1)
     assert tally.wrong == []
@@ -309,6 +315,35 @@ def a_write_of_half_a_point_is_let_through(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Guard, "check", check_whole)
 
 
+def what_a_program_gives_up_is_asked_all_the_same(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(AwaitedOrigin, "wants", lambda *_: True)
+
+
+def what_a_program_has_given_up_is_not_audited(patch: pytest.MonkeyPatch) -> None:
+    answer = AuditedOrigin.answer
+
+    def audit_what_is_awaited(origin: AuditedOrigin, request: Request, pdu: bytes | None) -> None:
+        if not isinstance(origin.origin, AwaitedOrigin) or not origin.origin.outcome.done():
+            answer(origin, request, pdu)
+
+    patch.setattr(AuditedOrigin, "answer", audit_what_is_awaited)
+
+
+def a_program_gets_what_it_got_last(patch: pytest.MonkeyPatch) -> None:
+    asked, last = UnitClient._asked, dict[tuple[str, bytes], bytes]()
+
+    async def from_last(unit: UnitClient, operator: Operator, pdu: bytes, what: str) -> bytes:
+        before = last.get((unit.name, pdu))
+        last[unit.name, pdu] = await asked(unit, operator, pdu, what)
+        return before or last[unit.name, pdu]
+
+    patch.setattr(UnitClient, "_asked", from_last)
+
+
+def a_reading_of_a_mirror_is_new(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr("gateway.library.sampled.sampled", lambda *_: ())
+
+
 @pytest.mark.search
 @pytest.mark.interpreted
 @pytest.mark.parametrize(
@@ -335,6 +370,10 @@ def a_write_of_half_a_point_is_let_through(patch: pytest.MonkeyPatch) -> None:
         ("monitors", what_is_heard_is_as_old_as_its_answer),
         ("monitors", what_was_heard_is_never_stale),
         ("moving", what_another_device_has_answered_is_shown),
+        ("programs", what_a_program_gives_up_is_asked_all_the_same),
+        ("programs", what_a_program_has_given_up_is_not_audited),
+        ("programs", a_program_gets_what_it_got_last),
+        ("programs", a_reading_of_a_mirror_is_new),
         ("reloads", a_line_that_keeps_its_name_keeps_its_devices),
         ("reloads", a_reload_keeps_what_is_shown_by_the_unit_alone),
         ("reloads", what_was_read_before_a_write_is_shown),
