@@ -48,7 +48,7 @@ def _span(unit: UnitPicture, area: Area, address: int, count: int) -> tuple[Span
     span = Span(area, index(address), index(count))
     if span.count < 1 or span.start < 0 or span.end > _LAST_ADDRESS + 1:
         raise ValueError(f"{unit.name}: {count} of {area} from {address} on: addresses are 0 to {_LAST_ADDRESS}")
-    width = width_at(unit.wide, span)
+    width = width_at(unit.wide, span) if unit.wide else REGISTER
     if width is None:
         raise ValueError(f"{unit.name}: only some of {area} {span.addresses} have four bytes: ask for them apart")
     return span, width

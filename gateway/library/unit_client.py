@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from struct import unpack
 from typing import Final
 
+from gateway.clock.slices import in_slices
 from gateway.config.values.reserved_names import EMBEDDED
 from gateway.errors import BrokenResponse, Busy, ChangedMeanwhile, DoesNotFit, UnitFailed, UnknownUnit, WrongQuestion
 from gateway.library.addresses import span_to_read, span_to_write
@@ -12,6 +13,7 @@ from gateway.library.failures import failure
 from gateway.library.reading import Reading, reading_of_age
 from gateway.library.sampled import Sampled
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_PDU, Area
+from gateway.modbus.pdu import Span
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import Complaint
 from gateway.operator.last_values import readable
@@ -23,6 +25,7 @@ from gateway.operator.unit_values import assigned, carried_out, point_named
 from gateway.operator.units import picture
 from gateway.operator.values import Outcome, Step, Steps, reading, writing
 from gateway.profiles.point import Point
+from gateway.profiles.reading import Reading as PointRead
 from gateway.registers.items import REGISTER, items_read, read_request, write_request
 from gateway.request import Caller
 from gateway.runtime.gateway import Gateway
@@ -130,7 +133,7 @@ class UnitClient:
         """Send a request PDU, and return the response PDU; it is empty if there is none, as to function 08/04."""
         if not 1 <= len(pdu) <= MAX_PDU:
             raise ValueError(f"a request PDU has 1 to {MAX_PDU} bytes, and not {len(pdu)}")
-        return await self._asked(self._operator(), bytes(pdu), f"function {pdu[0]}")
+        return await self._asked(self._operator(), bytes(pdu))
 
     async def _read_registers(self, area: Area, address: int, count: int) -> list[int]:
         items, width = await self._read(area, address, count)
@@ -140,30 +143,28 @@ class UnitClient:
         """Read items, and return the bytes of a register too."""
         operator = self._operator()
         span, width = span_to_read(self._unit(operator), area, address, count)
-        what = f"{area} {span.addresses}"
-        response = await self._asked(operator, read_request(span), what)
+        response = await self._asked(operator, read_request(span), span)
         try:
             return items_read(span, response, width), width
         except ValueError as wrong:
-            raise BrokenResponse(f"{self.name}, {what}: {wrong}") from None
+            raise BrokenResponse(f"{self.name}, {_told(span)}: {wrong}") from None
 
     async def _write(self, area: Area, address: int, values: Sequence[int]) -> None:
         operator = self._operator()
         unit = self._unit(operator)
         span, width, items = span_to_write(unit, area, address, values)
         pdu = write_request(area, span.start, items, unit.functions, width=width)
-        await self._asked(operator, pdu, f"{area} {span.addresses}")
+        await self._asked(operator, pdu, span)
 
-    async def _asked(self, operator: Operator, pdu: bytes, what: str) -> bytes:
-        """Send a request to the unit; `what` it is for, in errors."""
+    async def _asked(self, operator: Operator, pdu: bytes, place: Span | None = None) -> bytes:
+        """Send a request to the unit; `place` is where it reads or writes, for errors."""
         unit, origin = self._unit(operator), AwaitedOrigin(_is_there, _ASKER.caller)
         done = await send(operator.running.routers.embedded, unit.key, Step(pdu), origin)
         response, error = done.pdu or b"", done.error
-        if error is not None:
-            raise failure(unit.name, what, Complaint(error.code, error.result, str(error)))
-        if response and response[0] & EXCEPTION_BIT:
-            raise failure(unit.name, what, Complaint(response[1]))
-        return response
+        if error is None and not (response and response[0] & EXCEPTION_BIT):
+            return response
+        complaint = Complaint(response[1]) if error is None else Complaint(error.code, error.result, str(error))
+        raise failure(unit.name, f"function {pdu[0]}" if place is None else _told(place), complaint)
 
     async def _read_points(self, names: Sequence[str]) -> dict[str, Reading]:
         operator = self._operator()
@@ -178,15 +179,8 @@ class UnitClient:
         outcome = await self._carried_out(steps, ask_for(operator, unit.key, _ASKER, sampled.origin))
         if outcome.failures:
             _refuse(unit, points, outcome)
-        return {
-            each.point.name: reading_of_age(
-                each.point.name,
-                bool(each.value) if each.point.is_bit and each.value in (0, 1) else each.value,
-                each.point.unit,
-                sampled.age(each.point.read_span),
-            )
-            for each in outcome.readings
-        }
+        readings = await in_slices(_reading(each, sampled) for each in outcome.readings)
+        return {each.point: each for each in readings}
 
     async def _carried_out(self, steps: Steps, ask: Ask) -> Outcome:
         try:
@@ -212,6 +206,10 @@ class UnitClient:
         return self._found
 
 
+def _told(place: Span) -> str:
+    return f"{place.area} {place.addresses}"
+
+
 def _named(unit: UnitPicture, name: str) -> Point:
     try:
         return point_named(unit, name)
@@ -224,6 +222,13 @@ def _to_read(unit: UnitPicture, name: str) -> Point:
     if point.write == "only":
         raise ValueError(f"{unit.name}, {name}: it can be written, but not read")
     return point
+
+
+def _reading(read: PointRead, sampled: Sampled) -> Reading:
+    """Tell a program what was read at a point."""
+    point, value = read.point, read.value
+    told = bool(value) if point.is_bit and value in (0, 1) else value
+    return reading_of_age(point.name, told, point.unit, sampled.age(point.read_span))
 
 
 def _refuse(unit: UnitPicture, points: Sequence[Point], outcome: Outcome) -> None:

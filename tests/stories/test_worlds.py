@@ -332,9 +332,9 @@ def what_a_program_has_given_up_is_not_audited(patch: pytest.MonkeyPatch) -> Non
 def a_program_gets_what_it_got_last(patch: pytest.MonkeyPatch) -> None:
     asked, last = UnitClient._asked, dict[tuple[str, bytes], bytes]()
 
-    async def from_last(unit: UnitClient, operator: Operator, pdu: bytes, what: str) -> bytes:
+    async def from_last(unit: UnitClient, operator: Operator, pdu: bytes, place: Span | None = None) -> bytes:
         before = last.get((unit.name, pdu))
-        last[unit.name, pdu] = await asked(unit, operator, pdu, what)
+        last[unit.name, pdu] = await asked(unit, operator, pdu, place)
         return before or last[unit.name, pdu]
 
     patch.setattr(UnitClient, "_asked", from_last)
