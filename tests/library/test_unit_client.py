@@ -245,6 +245,20 @@ async def test_a_row_of_access_limits_what_the_program_may():
         assert {(event.client, event.listener) for event in denied} == {("embedded", "embedded")}
 
 
+@pytest.mark.parametrize(("priority", "turn"), [("normal", 7), ("high", 1)])
+async def test_a_row_gives_priority_to_what_the_program_asks(priority, turn):
+    rows = f'[[access]]\nlisten = ["embedded"]\nallow = ["read"]\npriority = "{priority}"\n'
+    async with gateway_bench(
+        f'{CONFIG}{rows}[[access]]\nallow = ["read"]\n'.replace("queue = 4", "queue = 9")
+    ) as bench:
+        device = SimulatedDevice(6)
+        bench.attach("hall", SimulatedLine("rtu", device))
+        for number in range(7):
+            bench.client(f"10.0.0.{number}:1", host=f"10.0.0.{number}").ask(46, f"03 00{number:02X} 0001")
+        await unit_of(bench, "press").read_holding(99)
+        assert [frame.pdu[2] for frame in device.heard].index(99) == turn
+
+
 async def test_others_get_their_turns_while_a_program_reads_what_the_gateway_itself_has(bench):
     shift, turns = unit_of(bench, "shift"), 0
 
