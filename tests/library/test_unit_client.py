@@ -338,6 +338,17 @@ async def test_a_unit_is_found_by_its_name_after_a_reload(bench):
     assert by_number.name == "stamp"
 
 
+async def test_devices_that_change_names_are_asked_by_those_in_force(bench):
+    other = SimulatedDevice(7)
+    bench.attach("hall", SimulatedLine("rtu", bench.device, other))
+    bench.device.holding[0], other.holding[0] = 6, 7
+    press, wired = unit_of(bench, "press"), unit_of(bench, "wired")
+    assert [await press.read_holding(0), await wired.read_holding(0)] == [[6], [7]]
+    swapped = CONFIG.replace("wired", "x").replace("press", "wired").replace('"x"', '"press"')
+    await bench.reload(swapped)
+    assert [await press.read_holding(0), await wired.read_holding(0)] == [[7], [6]]
+
+
 async def test_points_are_those_of_the_config_in_force(bench):
     press = unit_of(bench, "press")
     await press.read("mode")
