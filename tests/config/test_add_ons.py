@@ -4,7 +4,7 @@ from gateway.config.add_ons import ADD_ONS
 from gateway.config.plan.settings import Plan
 from gateway.config.schema.config import Config
 from gateway.config.schema.table import row_model
-from gateway.config.values.reserved_names import CONTROL, RESERVED
+from gateway.config.values.reserved_names import CONTROL, EMBEDDED, RESERVED
 
 
 def test_an_add_on_is_a_section_that_a_file_may_leave_out():
@@ -21,4 +21,4 @@ def test_an_add_on_adds_nothing_that_a_file_does_not_ask_for():
 
 def test_rows_of_access_may_name_every_add_on():
     assert [add_on.key for add_on in ADD_ONS if add_on.key not in RESERVED] == []
-    assert {add_on.key for add_on in ADD_ONS} | {CONTROL} == set(RESERVED)
+    assert {add_on.key for add_on in ADD_ONS} | {CONTROL, EMBEDDED} == set(RESERVED)
