@@ -53,7 +53,7 @@ def test_a_changed_module_is_read_anew_each_time(file):
 
 
 def test_its_prints_are_not_taken_for_the_answer(file):
-    write(file, f"print('hello')\n{CLOCK}")
+    write(file, f"print('hello', flush=True)\n{CLOCK}")
     assert read_config(file).errors == ()
 
 
