@@ -18,8 +18,8 @@ from gateway.images.custom_unit import CustomUnit
 
 T = TypeVar("T")
 
-#: How long a module may take to be imported, in seconds.
-IMPORT_TIME: Final = 10.0
+#: How long a module may take to be imported, and a unit to be made, in seconds: a reload waits for ten.
+IMPORT_TIME: Final = 8.0
 
 #: Of what it raises, at most so many characters are told.
 _MOST_SAID: Final = 200
