@@ -1,6 +1,6 @@
 """Writes down what is public of the gateway: each name that it exports, its members, and their signatures.
 
-    python tests/library/public_names.py > tests/library/public.txt
+    PYTHONPATH=. .venv/bin/python tests/library/public_names.py > tests/library/public.txt
 
 A signature is as it is written in the code, which is the same with every version of Python.
 """
