@@ -5,7 +5,7 @@ Only this module chooses the library for serial ports. Another library must pass
 
 import asyncio
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from threading import Event
@@ -66,8 +66,11 @@ async def open_serial(settings: SerialSettings, user: PortUser) -> Port:
         device = await asyncio.shield(opening)
     except asyncio.CancelledError:
         is_unwanted.set()
-        opening.add_done_callback(_close_unwanted)
-        await asyncio.wait((opening,), timeout=_UNWANTED_TIME)
+        is_closed = asyncio.Event()
+        opening.add_done_callback(partial(_close_unwanted, loop, is_closed))
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_UNWANTED_TIME):
+                await is_closed.wait()
         raise
     return SerialPort(loop, device, user)
 
@@ -103,9 +106,14 @@ def _open(settings: SerialSettings, is_unwanted: Event) -> OpenDevice:
     return device
 
 
-def _close_unwanted(opening: asyncio.Future[OpenDevice]) -> None:
-    """Close a port that was open already when its opening was cancelled."""
+def _close_unwanted(
+    loop: asyncio.AbstractEventLoop, is_closed: asyncio.Event, opening: asyncio.Future[OpenDevice]
+) -> None:
+    """Close a port that was open already when its opening was cancelled; then set `is_closed`."""
     if opening.cancelled() or opening.exception() is not None:
+        is_closed.set()
         return
     device = opening.result()
-    ThreadPerCall(f"close {device.port}").submit(close_device, device, lost=True)
+    close = partial(close_device, device, lost=True)
+    closing = loop.run_in_executor(ThreadPerCall(f"close {device.port}"), close)
+    closing.add_done_callback(lambda _: is_closed.set())
