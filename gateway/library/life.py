@@ -19,7 +19,6 @@ class Life:
         assert owner is not None  # noqa: S101 - a coroutine makes it
         self._stop: Final = stop
         self._owner: Final = owner
-        self._cancelled_before: Final = owner.cancelling()
         #: Whether the owner was cancelled because the work has failed.
         self._is_told = False
         self._task: Final = asyncio.create_task(work, name="gateway")
@@ -31,7 +30,7 @@ class Life:
         When this is cancelled, requests in progress are not waited for; the rest is.
 
         Raises:
-            Exception: what the work has failed with, unless others have cancelled the owner.
+            Exception: what the work has failed with.
         """
         self._stop.order("closed")
         cancelled = None
@@ -43,16 +42,14 @@ class Life:
                 self._stop.order("cancelled")
         failure = None if self._task.cancelled() else self._task.exception()
         if self._is_told and asyncio.current_task() is self._owner:
-            is_ours = self._owner.uncancel() <= self._cancelled_before
+            self._owner.uncancel()
             if error is None:
                 with suppress(asyncio.CancelledError):  # it has not reached the owner's work
                     await asyncio.sleep(0)
-            elif not is_ours and isinstance(error, asyncio.CancelledError):
-                return
-        if cancelled is not None:
-            raise cancelled
         if failure is not None:
             raise failure from failure.__cause__
+        if cancelled is not None:
+            raise cancelled
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         if not self._stop.reason and not self._owner.done():

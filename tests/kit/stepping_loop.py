@@ -2,15 +2,19 @@
 
 import asyncio
 import gc
-import os
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from kit.virtual_time import VirtualTimeLoop
 
 #: So many virtual seconds after the end nothing may be scheduled any more.
 LATER = 3600.0
+
+#: What a thread closes, in a moment: the kernel lets it wait.
+CLOSED_SOON = {"anon_inode:inotify"}
 
 Main = asyncio.Task[Any]
 #: Called before each step, with its number and the main task.
@@ -54,12 +58,15 @@ class SteppingLoop(VirtualTimeLoop):
 
 @dataclass
 class Run:
-    """What a run has returned or raised, how many steps it took, and what it `left` behind when it had ended."""
+    """What a run has returned or raised, how many steps it took, and what it `left` behind when it had ended.
+
+    The loop adds `complaints`, some of them once what was left is freed.
+    """
 
     steps: int = 0
-    seconds: float = 0.0
     outcome: Any = None
     left: list[str] = field(default_factory=list)
+    complaints: list[str] = field(default_factory=list)
 
 
 def run(main: Coroutine[Any, Any, Any], act: Act = lambda step, task: None) -> Run:
@@ -71,10 +78,10 @@ def run(main: Coroutine[Any, Any, Any], act: Act = lambda step, task: None) -> R
         own = set(descriptors().values()) - set(before.values())
 
         def ended(_: object) -> None:
-            found.steps, found.seconds, loop.act = loop.steps, loop.time(), lambda _: None
+            found.steps, loop.act = loop.steps, lambda _: None
             found.left += [repr(each) for each in asyncio.all_tasks(loop) if each is not waiting]
             found.left += [f"watches {loop.watched} descriptors"] * bool(loop.watched)
-            found.left += sorted(set(descriptors().values()) - set(before.values()) - own)
+            found.left += sorted(set(descriptors().values()) - set(before.values()) - own - CLOSED_SOON)
 
         task.add_done_callback(ended)
         loop.act = lambda step: act(step, task)
@@ -85,18 +92,33 @@ def run(main: Coroutine[Any, Any, Any], act: Act = lambda step, task: None) -> R
         found.left += loop.timers
     finally:
         loop.close()
-    del task
-    gc.collect()
-    found.left += loop.complaints
+    found.complaints = loop.complaints
     return found
+
+
+def ends_of(main: Callable[[], Coroutine[Any, Any, Any]], interfere: Callable[[int], Act], every: int = 1) -> list[str]:
+    """Run `main` again and again, and `interfere` at its first step, at the next one and so on, until it has ended.
+
+    Return what was left, and outcomes other than that it was cancelled. Only `every` so many steps are tried.
+    """
+    wrong, runs, at = [], [], 0
+    while True:
+        at += every
+        found = run(main(), interfere(at))
+        runs.append(found)
+        wrong += [f"step {at}: {each}" for each in found.left]
+        if found.steps <= at:
+            break
+        if not isinstance(found.outcome, asyncio.CancelledError):
+            wrong.append(f"step {at}: {found.outcome!r}")
+    gc.collect()  # tasks and futures that nobody has awaited complain now
+    return wrong + [each for found in runs for each in found.complaints]
 
 
 def descriptors() -> dict[int, str]:
     """Tell what each open descriptor of this process leads to."""
     found = {}
-    for number in map(int, os.listdir("/proc/self/fd")):
-        try:
-            found[number] = os.readlink(f"/proc/self/fd/{number}")
-        except OSError:  # that of the list itself
-            continue
+    for each in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):  # that of the list itself
+            found[int(each.name)] = str(each.readlink())
     return found
