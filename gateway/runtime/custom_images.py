@@ -10,7 +10,7 @@ from gateway.config.plan.settings import Plan
 from gateway.events import CustomUnitsLeft, Emit
 from gateway.images.custom_image import CustomImage
 from gateway.images.custom_unit import CustomUnit
-from gateway.images.drivers.custom_driver import CustomDriver
+from gateway.images.drivers.custom_driver import NOBODY_ELSE, CustomDriver
 from gateway.images.image import Image, ImageSettings
 from gateway.runtime.custom_units import made
 from gateway.runtime.draining import until
@@ -42,6 +42,8 @@ class CustomImages:
         self._emit = emit
         self._ring = ring
         self._given = given or {}
+        #: A program may give a unit two numbers, and a reload a second image.
+        self._turns = {id(unit): asyncio.Lock() for unit in self._given.values()}
         self._folder = folder or Path()
         self._thread = LoopThread("custom units")
         #: Those made by `prepare`.
@@ -72,7 +74,8 @@ class CustomImages:
             there = self._thread.call_soon
             unit = self._made.pop((settings.unit, settings.python), None) or made(settings.python, self._folder)
         unit._find = self._found  # noqa: SLF001 - what the gateway sets
-        driver = CustomDriver(settings, unit, self._loop, self._emit, self._ring, there)
+        turn = self._turns.get(id(unit), NOBODY_ELSE)
+        driver = CustomDriver(settings, unit, self._loop, self._emit, self._ring, there, turn)
         self._drivers.append(driver)
         return driver.image
 

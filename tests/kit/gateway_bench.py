@@ -1,6 +1,7 @@
 """A whole gateway in virtual time: config from a string, lines in memory, clients driven by the test."""
 
 import asyncio
+from collections.abc import Mapping
 from contextlib import asynccontextmanager, closing
 from dataclasses import replace
 from functools import partial
@@ -11,6 +12,7 @@ from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.config.values.character_format import DEFAULT_FORMATS
 from gateway.events import Event
+from gateway.images.custom_unit import CustomUnit
 from gateway.images.drivers.store import Store
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
@@ -117,6 +119,7 @@ class GatewayBench:
         memory: Memory | None = None,
         state: Path | None = None,
         left_behind: LeftBehind | None = None,
+        units: Mapping[int, CustomUnit] | None = None,
     ) -> None:
         loaded = parse(config, port_trouble=lambda port: None, real_path=lambda port: port)
         assert loaded.config is not None, "\n".join(map(str, loaded.problems))
@@ -127,7 +130,7 @@ class GatewayBench:
         self.memory = memory or Memory()
         self._store = None if state is None else Store(state, self.events.append)
         kept = KeptState(memory=self.memory, store=self._store, left_behind=left_behind or LeftBehind())
-        self.running = Running(resolve(loaded.config), self._open, self.events.append, kept)
+        self.running = Running(resolve(loaded.config), self._open, self.events.append, kept, units=units)
         self.gateway = self.running.gateway
         self.recent = self.running.recent
 
@@ -220,9 +223,17 @@ async def keep_lines_open(running: Running):
 
 
 @asynccontextmanager
-async def gateway_bench(config: str, memory: Memory | None = None, state: Path | None = None):
-    """A running gateway with this config, every line up and idle. Persistent images need a `state` folder."""
-    with closing(GatewayBench(config, memory, state)) as bench:
+async def gateway_bench(
+    config: str,
+    memory: Memory | None = None,
+    state: Path | None = None,
+    units: Mapping[int, CustomUnit] | None = None,
+):
+    """A running gateway with this config, every line up and idle. Persistent images need a `state` folder.
+
+    Units made in Python are `units`: virtual time knows no threads.
+    """
+    with closing(GatewayBench(config, memory, state, units=units)) as bench:
         async with keep_lines_open(bench.running):
             await asyncio.sleep(1.0)
             yield bench

@@ -3,9 +3,9 @@
 import asyncio
 import reprlib
 from asyncio import CancelledError
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import AbstractAsyncContextManager, nullcontext, suppress
 from functools import partial
 from operator import index
 from struct import pack
@@ -32,6 +32,10 @@ MOST_CODE: Final = 255
 #: Has a callback called in the event loop of some thread, from any thread, soon and never at once.
 CallSoon = Callable[..., object]
 Outcome = bytes | RequestError
+#: Carries out a call.
+Work = Callable[[Call], Coroutine[Any, Any, Outcome]]
+#: The turn of a unit that only one image has.
+NOBODY_ELSE: Final = nullcontext()
 
 
 class CustomDriver:
@@ -48,10 +52,12 @@ class CustomDriver:
         emit: Emit,
         ring: Ring,
         there: CallSoon | None = None,
+        turn: AbstractAsyncContextManager[object] = NOBODY_ELSE,
     ) -> None:
-        """Calls are carried out in `loop` itself without `there`."""
+        """Calls are carried out in `loop` itself without `there`, each in its `turn` if others use the unit too."""
         self.unit = unit
         self._emit = emit
+        self._turn = turn
         self._time = loop.time
         self._there = there or loop.call_soon
         self._here = partial(_call_in, loop) if there else loop.call_soon
@@ -67,7 +73,7 @@ class CustomDriver:
 
     def begin(self, call: Call) -> None:
         """See Calls."""
-        self._call = carried_out = _CarriedOut(self.unit, call, self._here, self._ended)
+        self._call = carried_out = _CarriedOut(self._work, call, self._here, self._ended)
         try:
             self._there(carried_out.begin)
         except RuntimeError as error:  # no thread can be started
@@ -91,6 +97,10 @@ class CustomDriver:
     def close(self) -> None:
         """Fail all requests, and cancel the present call; a unit may not heed that."""
         self._run(self.image.close)
+
+    async def _work(self, call: Call) -> Outcome:
+        async with self._turn:
+            return await carry_out(self.unit, call)
 
     def _wake(self) -> None:
         self._run(self.image.tick)
@@ -140,10 +150,8 @@ class _Failures:
 class _CarriedOut:
     """A call that is carried out in the loop of another thread, or of the same one."""
 
-    def __init__(
-        self, unit: CustomUnit, call: Call, here: CallSoon, ended: Callable[["_CarriedOut", Any], None]
-    ) -> None:
-        self._unit = unit
+    def __init__(self, work: Work, call: Call, here: CallSoon, ended: Callable[["_CarriedOut", Any], None]) -> None:
+        self._work = work
         self._call = call
         self._here = here
         self._ended = ended
@@ -155,7 +163,7 @@ class _CarriedOut:
     def begin(self) -> None:
         """Begin, unless it is withdrawn. Called in the loop where it is carried out."""
         if self._state.set_running_or_notify_cancel():
-            self._task = asyncio.get_running_loop().create_task(carry_out(self._unit, self._call), name="custom unit")
+            self._task = asyncio.get_running_loop().create_task(self._work(self._call), name="custom unit")
             self._task.add_done_callback(self._done)
 
     def is_withdrawn(self) -> bool:

@@ -1,0 +1,194 @@
+"""Units made in Python that the config names, in their thread: what blocks there holds up nobody else."""
+
+import asyncio
+import threading
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+
+from gateway import Busy, CustomUnit, Gateway, NoResponse, Refused
+from gateway.clock.loop_thread import LoopThread
+from gateway.events import CustomUnitsLeft
+
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:0"
+"""
+UNITS = """
+import asyncio, threading, time
+from gateway import CustomUnit
+
+class Quick(CustomUnit):
+    async def read(self, area, address, count):
+        return [address] * count
+
+class Thread(CustomUnit):
+    async def read(self, area, address, count):
+        return [threading.current_thread().name == "custom units"] * count
+
+class Blocks(CustomUnit):
+    async def read(self, area, address, count):
+        time.sleep(address / 1000)
+        return [address] * count
+
+class InThread(CustomUnit):
+    async def read(self, area, address, count):
+        await asyncio.to_thread(time.sleep, address / 1000)
+        return [address] * count
+
+class Asks(CustomUnit):
+    async def read(self, area, address, count):
+        quick, own = self.unit(1).read_holding(address, count), self.unit("own").read_holding(address, count)
+        return [a + b for a, b in zip(*await asyncio.gather(quick, own))]
+
+class Leaves(CustomUnit):
+    def __init__(self):
+        self.tasks = []
+    async def read(self, area, address, count):
+        self.tasks.append(asyncio.get_running_loop().create_task(asyncio.sleep(3600)))
+        return [0] * count
+
+class Ends(CustomUnit):
+    async def read(self, area, address, count):
+        raise SystemExit
+"""
+NAMES = {1: "Quick", 2: "Thread", 3: "Blocks", 4: "InThread", 5: "Asks", 6: "Leaves", 7: "Ends"}
+
+
+class Own(CustomUnit):
+    """A unit of the program, in the loop of the test."""
+
+    async def read(self, area, address, count):
+        return [threading.current_thread() is threading.main_thread()] * count
+
+
+@pytest.fixture
+def config(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    name = f"units_{tmp_path.name}".replace("-", "_")
+    (tmp_path / f"{name}.py").write_text(UNITS)
+    rows = [
+        f'[[image]]\nunit = {unit}\nname = "{each.lower()}"\npython = "{name}:{each}"\ntimeout = "300 ms"\n'
+        for unit, each in NAMES.items()
+    ]
+    own = '[[image]]\nunit = 60\nname = "own"\npython = "own:Own"\n'
+    file = tmp_path / "gateway.toml"
+    file.write_text(CONFIG + "\n".join(rows) + own)
+    return file
+
+
+@asynccontextmanager
+async def latest():
+    """How late the loop of the test was at most: the last of the list."""
+    worst = [0.0]
+
+    async def look() -> None:
+        while True:
+            due = time.monotonic() + 0.01
+            await asyncio.sleep(0.01)
+            worst.append(max(worst[-1], time.monotonic() - due))
+
+    looking = asyncio.create_task(look())
+    try:
+        yield worst
+    finally:
+        looking.cancel()
+
+
+def threads() -> list[str]:
+    return [each.name for each in threading.enumerate() if each.name == "custom units"]
+
+
+async def test_they_are_called_in_one_thread_and_those_of_the_program_in_its_loop(config):
+    async with Gateway.from_toml(config, units={60: Own()}) as gateway:
+        assert threads() == []  # before the first call
+        assert await gateway.unit(2).read_holding(0) == [1]
+        assert await gateway.unit("quick").read_holding(7, 2) == [7, 7]
+        assert await gateway.unit(60).read_holding(0) == [1]
+        assert await gateway.unit("asks").read_holding(7) == [8]
+        assert threads() == ["custom units"]
+    assert threads() == []
+
+
+async def test_one_that_blocks_holds_up_only_its_neighbours_and_these_get_their_answer_in_time(config):
+    async with Gateway.from_toml(config, units={60: Own()}) as gateway, latest() as late:
+        started = time.monotonic()
+        blocking = asyncio.create_task(gateway.unit("blocks").read_holding(1200))
+        await asyncio.sleep(0.05)
+        neighbour = asyncio.create_task(gateway.unit("quick").read_holding(7))
+        with pytest.raises(NoResponse):
+            await blocking
+        assert 0.3 <= time.monotonic() - started < 0.6
+        with pytest.raises(Busy):  # nothing was done
+            await neighbour
+        assert time.monotonic() - started < 0.7
+        assert await gateway.unit(60).read_holding(0) == [1]
+        assert late[-1] < 0.2
+        await asyncio.sleep(max(0.0, 1.3 - (time.monotonic() - started)))
+        assert await gateway.unit("quick").read_holding(7) == [7]
+
+
+async def test_one_that_waits_in_a_thread_of_its_own_holds_up_nobody(config):
+    async with Gateway.from_toml(config, units={60: Own()}) as gateway:
+        waiting = asyncio.create_task(gateway.unit("inthread").read_holding(200))
+        await asyncio.sleep(0.02)
+        assert await gateway.unit("quick").read_holding(7) == [7]
+        assert await waiting == [200]
+
+
+async def test_at_the_stop_one_that_blocks_is_left_behind_after_a_second(config):
+    gateway = Gateway.from_toml(config, units={60: Own()})
+    events = gateway.events()
+    async with gateway:
+        with pytest.raises(NoResponse):
+            await gateway.unit("blocks").read_holding(2500)
+        stopping = time.monotonic()
+    assert 0.9 < time.monotonic() - stopping < 1.6
+    assert CustomUnitsLeft(("blocks",)) in [event async for event in events]
+    (left,) = (each for each in threading.enumerate() if each.name == "custom units")
+    assert left.daemon
+    await asyncio.to_thread(left.join, 5.0)  # it ends as soon as it is let
+    assert not left.is_alive()
+
+
+async def test_tasks_that_a_unit_has_left_end_with_the_thread(config):
+    async with Gateway.from_toml(config, units={60: Own()}) as gateway:
+        assert await gateway.unit("leaves").read_holding(0) == [0]
+    assert threads() == []
+
+
+async def test_one_that_ends_its_thread_does_not(config):
+    async with Gateway.from_toml(config, units={60: Own()}) as gateway:
+        for _ in range(2):
+            with pytest.raises(Refused) as refused:
+                await gateway.unit("ends").read_holding(0)
+            assert refused.value.code == 4
+        assert await gateway.unit("quick").read_holding(7) == [7]
+
+
+async def test_many_requests_from_many_tasks_get_their_own_answers(config):
+    async with Gateway.from_toml(config, units={60: Own()}) as gateway:
+        unit = gateway.unit("quick")
+
+        async def ask(number: int) -> None:
+            for at in range(50):
+                assert await unit.read_holding(100 * number + at, 2) == [100 * number + at] * 2
+
+        await asyncio.gather(*map(ask, range(20)))
+
+
+async def test_a_thread_that_was_never_needed_is_never_started():
+    thread = LoopThread("unused")
+    assert await thread.close()
+    assert "unused" not in [each.name for each in threading.enumerate()]
+
+
+async def test_after_its_end_a_thread_is_called_in_vain():
+    thread, called = LoopThread("short"), threading.Event()
+    thread.call_soon(called.set)
+    assert await asyncio.to_thread(called.wait, 5.0)
+    assert await thread.close()
+    assert await thread.close()
+    thread.call_soon(called.clear)
+    assert called.is_set()
