@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
+from gateway.images.custom_image import CustomImage
 from gateway.images.image import Image
 from gateway.images.mirror import Mirror
 from gateway.images.virtual.unit import VirtualUnit
@@ -129,7 +130,7 @@ async def part_of_unit(
         if driver.name == name:
             return await _virtual_in_slices(driver.unit)
     parts: tuple[ImageStatus | MirrorStatus, ...]
-    parts = (*map(_image, gateway.images), *(_mirror(each.unit, now) for each in gateway.mirrors))
+    parts = (*(_image(each, now) for each in gateway.images), *(_mirror(each.unit, now) for each in gateway.mirrors))
     return next((each for each in parts if (each.unit, each.name) == (unit, name)), None)
 
 
@@ -152,7 +153,7 @@ def _status(
         upstreams=tuple(_upstream(each, running.recent, now) for each in gateway.upstreams),
         monitors=tuple(_monitor(each, running.recent, now) for each in gateway.monitors),
         units=tuple(units),
-        images=tuple(_image(each) for each in gateway.images),
+        images=tuple(_image(each, now) for each in gateway.images),
         mirrors=tuple(_mirror(each.unit, now) for each in gateway.mirrors),
         virtual=tuple(virtual),
         certificates=tuple(certificates(running.contexts, time.time())),
@@ -350,8 +351,9 @@ def _moved(lines: Iterable[GatewayLine]) -> Iterator[MovedStatus]:
                 yield MovedStatus(line.name, unit, device.name, units, configured, failures)
 
 
-def _image(image: Image) -> ImageStatus:
+def _image(image: Image, now: float) -> ImageStatus:
     settings, counts = image.settings, image.counts
+    breaker = image.breaker if isinstance(image, CustomImage) else None
     return ImageStatus(
         unit=settings.unit,
         name=settings.name,
@@ -360,6 +362,8 @@ def _image(image: Image) -> ImageStatus:
         exceptions=counts.exceptions,
         python=settings.python,
         timeout_ms=milliseconds(settings.timeout) if settings.python else 0.0,
+        state="" if breaker is None else _unit_state(breaker, now),
+        rests_ms=0.0 if breaker is None else milliseconds(breaker.rest_left(now)),
     )
 
 

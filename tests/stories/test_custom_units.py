@@ -9,6 +9,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.kept import kept, window
 from gateway.operator.reached import target
+from gateway.operator.status import status
 from kit.gateway_bench import GatewayBench, gateway_bench, keep_lines_open
 
 LISTEN = """
@@ -199,6 +200,23 @@ async def test_at_the_stop_what_is_open_is_answered_and_what_does_not_end_is_tol
         ending = one.now()
     assert 1.0 <= one.now() - ending < 1.1
     assert bench.events[-1] == CustomUnitsLeft(("clock",))
+
+
+async def test_the_status_says_how_it_is():
+    unit = Clock()
+    async with gateway_bench(LISTEN + CLOCK, units={60: unit}) as bench:
+
+        def shown():
+            now = asyncio.get_running_loop().time()
+            (image,) = status(bench.running, now).images
+            return image.state, image.rests_ms
+
+        client, before = bench.client(), shown()
+        unit.takes = 5.0
+        assert [await client.asks(60, "03 0001 0001")] == ["83 0B"]
+        assert (before, shown()) == (("fine", 0.0), ("failing", 0.0))
+        assert [await client.asks(60, "03 0001 0001") for _ in range(2)] == ["83 0B"] * 2
+        assert shown() == ("resting", 9000.0)
 
 
 async def test_it_has_no_values_of_its_own_to_be_shown():

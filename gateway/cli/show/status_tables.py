@@ -319,6 +319,7 @@ TABLES: Final[tuple[Table[Status, Any], ...]] = (
             "UNIT": lambda image: image.unit,
             "NAME": lambda image: image.name,
             "CLASS": lambda image: image.python,
+            "STATE": lambda image: painted(image.state),
             "REQUESTS": lambda image: image.requests,
             "EXCEPTIONS": lambda image: image.exceptions,
         },

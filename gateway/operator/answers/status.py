@@ -304,7 +304,8 @@ class MovedStatus:
 class ImageStatus:
     """A unit that the gateway answers itself.
 
-    `python` is the class of one that is made in Python, and `timeout_ms` how long it may take for a request.
+    `python` is the class of one that is made in Python, and `timeout_ms` how long it may take for a request. Only
+    such a unit has a `state`, and rests for `rests_ms` after failures.
     """
 
     unit: int
@@ -314,6 +315,8 @@ class ImageStatus:
     exceptions: int
     python: str = ""
     timeout_ms: float = 0.0
+    state: Literal["", "fine", "failing", "resting"] = ""
+    rests_ms: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
