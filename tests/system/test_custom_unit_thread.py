@@ -54,6 +54,8 @@ class Ends(CustomUnit):
         raise SystemExit
 """
 NAMES = {1: "Quick", 2: "Thread", 3: "Blocks", 4: "InThread", 5: "Asks", 6: "Leaves", 7: "Ends"}
+#: What some of them, and another one like the first, may take for a request; the others have time on any machine.
+SHORT = "300 ms"
 
 
 class Own(CustomUnit):
@@ -69,13 +71,16 @@ def config(tmp_path, monkeypatch):
     name = f"units_{tmp_path.name}".replace("-", "_")
     (tmp_path / f"{name}.py").write_text(UNITS)
     rows = [
-        f'[[image]]\nunit = {unit}\nname = "{each.lower()}"\npython = "{name}:{each}"\ntimeout = "300 ms"\n'
-        for unit, each in NAMES.items()
+        row(unit, each.lower(), f"{name}:{each}", SHORT if each == "Blocks" else "10 s") for unit, each in NAMES.items()
     ]
-    own = '[[image]]\nunit = 60\nname = "own"\npython = "own:Own"\n'
+    rows += [row(8, "neighbour", f"{name}:Quick", SHORT), row(60, "own", "own:Own", "10 s")]
     file = tmp_path / "gateway.toml"
-    file.write_text(CONFIG + "\n".join(rows) + own)
+    file.write_text(CONFIG + "\n".join(rows))
     return file
+
+
+def row(unit: int, name: str, python: str, timeout: str) -> str:
+    return f'[[image]]\nunit = {unit}\nname = "{name}"\npython = "{python}"\ntimeout = "{timeout}"\n'
 
 
 @asynccontextmanager
@@ -114,19 +119,19 @@ async def test_they_are_called_in_one_thread_and_those_of_the_program_in_its_loo
 async def test_one_that_blocks_holds_up_only_its_neighbours_and_these_get_their_answer_in_time(config):
     async with Gateway.from_toml(config, units={60: Own()}) as gateway, latest() as late:
         started = time.monotonic()
-        blocking = asyncio.create_task(gateway.unit("blocks").read_holding(1200))
+        blocking = asyncio.create_task(gateway.unit("blocks").read_holding(2000))
         await asyncio.sleep(0.05)
-        neighbour = asyncio.create_task(gateway.unit("quick").read_holding(7))
+        neighbour = asyncio.create_task(gateway.unit("neighbour").read_holding(7))
         with pytest.raises(NoResponse):
             await blocking
-        assert 0.3 <= time.monotonic() - started < 0.6
+        assert time.monotonic() - started >= 0.3
         with pytest.raises(Busy):  # nothing was done
             await neighbour
-        assert time.monotonic() - started < 0.7
         assert await gateway.unit(60).read_holding(0) == [1]
-        assert late[-1] < 0.2
-        await asyncio.sleep(max(0.0, 1.3 - (time.monotonic() - started)))
-        assert await gateway.unit("quick").read_holding(7) == [7]
+        assert time.monotonic() - started < 1.5
+        assert late[-1] < 0.5
+        assert await gateway.unit("quick").read_holding(7) == [7]  # afterwards
+        assert time.monotonic() - started > 1.9
 
 
 async def test_one_that_waits_in_a_thread_of_its_own_holds_up_nobody(config):
@@ -142,9 +147,9 @@ async def test_at_the_stop_one_that_blocks_is_left_behind_after_a_second(config)
     events = gateway.events()
     async with gateway:
         with pytest.raises(NoResponse):
-            await gateway.unit("blocks").read_holding(2500)
+            await gateway.unit("blocks").read_holding(3500)
         stopping = time.monotonic()
-    assert 0.9 < time.monotonic() - stopping < 1.6
+    assert 0.9 < time.monotonic() - stopping < 2.5
     assert CustomUnitsLeft(("blocks",)) in [event async for event in events]
     (left,) = (each for each in threading.enumerate() if each.name == "custom units")
     assert left.daemon
