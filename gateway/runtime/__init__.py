@@ -6,7 +6,6 @@ that are the same as before, and `Running.switch` replaces the previous one with
 - reload, outcome      reads the config again, compares it with the one in use, says what has changed
 - running              what outlives a reload; start, switch to another gateway, drain
 - listening, open_ports, draining    what switch, start and stop do with listeners, and with ports
-- custom_units         units that the config names by their classes
 - build, reach         a gateway from a plan; which units each client reaches there, and by which numbers
 - polls, reads         the polls of a unit, for all that want its values; the last reads of devices, over a reload
 - gateway              what is built: a plan, its parts, the routes between them

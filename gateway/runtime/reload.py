@@ -192,6 +192,7 @@ class Reloader:
         except Exception as error:
             if self._running.gateway is not new:
                 contexts.adopt(before)
+                self._running.builder.custom.keep(self._running.gateway.images)  # others were built in vain
                 raise
             self._running.emit(events.PartFailed.of("reload", error))
             return f"a defect in the gateway: {error!r}; restart it, and please report this"

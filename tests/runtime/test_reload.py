@@ -739,3 +739,22 @@ key = "{tmp_path}/web.key"
         assert "line hall-b" in outcome.added
         assert any("web.crt" in each for each in outcome.warnings)
         assert any("web.crt" in str(each) for each in service.events if isinstance(each, ConfigWarning))
+
+
+async def test_a_rejected_reload_leaves_nothing_of_the_unit_made_in_python_that_it_would_have_brought(
+    serving, monkeypatch, tmp_path
+):
+    def listen(doors):
+        raise ListenError("another socket was quicker")
+
+    module = "from gateway import CustomUnit\n\nclass Unit(CustomUnit):\n    async def read(self, *words): ...\n"
+    (tmp_path / "unit_of_reload.py").write_text(module)
+    monkeypatch.syspath_prepend(tmp_path)
+    made = '[[image]]\nunit = 60\npython = "unit_of_reload:Unit"\n'
+    async with serving(LISTEN + HALL_A) as service:
+        with monkeypatch.context() as patch:
+            patch.setattr(Doors, "listen", listen)
+            assert (await service.reload(LISTEN + "clients = 3\n" + HALL_A + made)).problems
+        assert service.running.builder.custom._drivers == []
+        assert (await service.reload(LISTEN + HALL_A + made)).added == ("image image-60",)
+        assert len(service.running.builder.custom._drivers) == 1

@@ -53,6 +53,30 @@ listen = ["remote"]
 [[access]]
 allow = ["read"]
 """
+#: Its registers are 1 for what is as docs/images.md says.
+RIGHTS_OF_A_UNIT = """
+import mmap, os, socket
+from pathlib import Path
+from gateway import CustomUnit
+
+def can(call, *words):
+    try:
+        call(*words)
+    except OSError:
+        return False
+    return True
+
+class Rights(CustomUnit):
+    async def read(self, area, address, count):
+        state = Path(os.environ["STATE_DIRECTORY"])
+        return [
+            can((state / "own").write_text, "x"),
+            not can(Path("/etc/modbus-gateway/own").write_text, "x"),
+            not can(os.listdir, "/home") or not os.listdir("/home"),
+            not can(mmap.mmap, -1, 4096, mmap.MAP_PRIVATE, mmap.PROT_WRITE | mmap.PROT_EXEC),
+            not can(socket.socket, socket.AF_NETLINK),
+        ]
+"""
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 RIGHT = bytes.fromhex("0001 0000 0005 01 03 02 1234")
 FILE = "/etc/modbus-gateway/gateway.toml"
@@ -202,6 +226,20 @@ class TestOneStart:
         system.done("systemctl", "reload", SERVICE)
         with system.connect() as client:
             assert asked(client, bytes.fromhex("0001 0000 0006 C9 03 0000 0001"))[-2:] == b"\x83\x01"
+        system.write(FILE, CONFIG)
+        system.done("systemctl", "reload", SERVICE)
+
+    def test_a_unit_made_in_python_is_imported_from_beside_the_config_and_has_the_rights_of_the_service(
+        self, system: BootedSystem
+    ) -> None:
+        start(system)
+        system.write("/etc/modbus-gateway/rights.py", RIGHTS_OF_A_UNIT)
+        made = '[[image]]\nunit = 201\npython = "rights:Rights"\n'
+        system.write(FILE, CONFIG + made)
+        system.done("systemctl", "reload", SERVICE)
+        with system.connect() as client:
+            assert asked(client, bytes.fromhex("0001 0000 0006 C9 03 0000 0005"))[7:].hex() == "030a" + "0001" * 5
+        assert not (system.root / "etc/modbus-gateway/__pycache__").exists()
         system.write(FILE, CONFIG)
         system.done("systemctl", "reload", SERVICE)
 
