@@ -94,6 +94,11 @@ read = [{{ holding = "0-19", every = "1 s" }}]
 unit = 242
 map  = [{{ at = 0, device = "silo", holding = "0-19", every = "1 s", write = true }}]
 
+[[image]]
+unit    = 243
+python  = "relay:Relay"
+timeout = "20 s"
+
 [web]
 bind  = "http://127.0.0.1:0"
 users = "{folder}/users"
@@ -106,6 +111,14 @@ write   = true
 
 [control]
 socket = "{folder}/control.sock"
+"""
+#: A unit that asks as the program does that a gateway is a part of.
+RELAY = """
+from gateway import CustomUnit
+
+class Relay(CustomUnit):
+    async def write(self, area, address, values):
+        await self.unit("silo").write_holding(address, values)
 """
 FLEET = """
 [fleet]
@@ -125,11 +138,13 @@ timeout = "20 s"
 units   = [{ as = 41, unit = 41 }]
 """
 WAYS_OF_ROWS = (
-    'listen = ["scada", "over", "field", "panel", "hmi", "control", "web", "mqtt", "fleet"]',
+    'listen = ["scada", "over", "field", "panel", "hmi", "control", "web", "mqtt", "fleet", "embedded"]',
     'listen = ["alone"]',
     'role = "operator"',
 )
-ROWS = "".join(
+#: What its client may do there is up to the rows for the unit itself.
+ROW_OF_RELAY = '[[access]]\nlisten = ["scada"]\nunits = [243]\nallow = ["read", "write"]\n'
+ROWS = ROW_OF_RELAY + "".join(
     f'[[access]]\n{who}\nholding = "10-19"\nallow = ["read"]\n[[access]]\n{who}\nallow = ["read", "write"]\n'
     for who in WAYS_OF_ROWS
 )
@@ -151,6 +166,7 @@ class Plant:
         self._broker = enter(Mosquitto(folder))
         hub, *_ = enter(hub_and_leaf(folder))
         self._token = _users(folder)
+        (folder / "relay.py").write_text(RELAY)
         config = CONFIG.format(folder=folder, device=self.device.port, broker=self._broker.port, tls=listener())
         self.gateway = enter(GatewayProcess(folder, config + _fleet(folder, hub.port, "plant-1") + ROWS))
         ports = [int(each.rsplit(":", 1)[1]) for each in self.gateway.first("ready")["listeners"]]
@@ -178,6 +194,9 @@ class Plant:
 
     def virtual_unit(self, address: int, value: int) -> bool:
         return self.tcp(address, value, unit=242)
+
+    def unit_in_python(self, address: int, value: int) -> bool:
+        return self.tcp(address, value, unit=243)
 
     def listener_for_a_line(self, address: int, value: int) -> bool:
         return self._asks(self._alone, 1, write(address, value))
@@ -327,6 +346,7 @@ WAYS: dict[Way, str] = {
     Plant.listener_for_a_line: "network",
     Plant.mirror: "network",
     Plant.virtual_unit: "network",
+    Plant.unit_in_python: "network",
     Plant.serial: "panel",
     Plant.virtual_port: "hmi",
     Plant.command: "control",
@@ -356,9 +376,10 @@ def test_each_write_was_told_once(plant: Plant) -> None:
     assert not [event for event in plant.gateway.log if event["event"] == "events_dropped"]
     done = Counter((event["address"], event["result"], event["code"]) for event in told if "suppressed" not in event)
     assert done.keys() <= {(asked[0], result, code) for asked, result, code in (*EXPECTED, BY_NAME)}
-    assert done[4, "ok", ""] == 2 * len(WAYS)
+    assert done[4, "ok", ""] == 2 * len(WAYS) + 2
     told_of = Counter(_who(event["client"]) for event in told for _ in range(event.get("suppressed", 1)))
-    assert told_of == Counter(who for way, who in WAYS.items() for _ in _asked_by(way))
+    asked = Counter(who for way, who in WAYS.items() for _ in _asked_by(way))
+    assert told_of == asked + Counter(embedded=len(EXPECTED))  # of the unit in Python itself
 
 
 def _asked_by(way: Way) -> tuple[tuple[tuple[int, int], str, str], ...]:
