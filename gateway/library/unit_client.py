@@ -24,6 +24,7 @@ from gateway.operator.requests import Ask, AwaitedOrigin, ask_for, send
 from gateway.operator.unit_values import assigned, carried_out, point_named
 from gateway.operator.units import picture
 from gateway.operator.values import Outcome, Step, Steps, reading, writing
+from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading as PointRead
 from gateway.registers.items import REGISTER, items_read, read_request, write_request
@@ -60,8 +61,9 @@ class UnitClient:
         self._operator = operator
         self._wanted = unit
         self._gateway: Gateway | None = None
-        self._found = self._unit(operator())
-        self._loop = operator().running.builder.loop
+        now = operator()
+        self._found = self._unit(now)
+        self._loop = now.running.builder.loop
 
     @property
     def name(self) -> str:
@@ -172,10 +174,8 @@ class UnitClient:
         points = [_to_read(unit, name) for name in dict.fromkeys(names)] if names else readable(unit)
         if not points:
             raise UnknownUnit(f"{unit.name} has no points to read: its profile gives names to registers")
-        gateway = operator.gateway
-        sampled = Sampled(gateway, unit.key, _ASKER)
-        may_read = Readable(operator.running.routers.embedded, "", unit.key)
-        steps = reading(points, unit.read_rules, ReadableHoles(holes_of(gateway, unit.key), may_read))
+        sampled = Sampled(operator.gateway, unit.key, _ASKER)
+        steps = reading(points, unit.read_rules, _holes(operator, unit) if len(points) > 1 else Holes())
         outcome = await self._carried_out(steps, ask_for(operator, unit.key, _ASKER, sampled.origin))
         if outcome.failures:
             _refuse(unit, points, outcome)
@@ -204,6 +204,12 @@ class UnitClient:
                 raise UnknownUnit(str(wrong)) from None
             self._gateway = gateway
         return self._found
+
+
+def _holes(operator: Operator, unit: UnitPicture) -> Holes:
+    """Find what must not be read with what is around it: the device has refused that, or [[access]] does."""
+    may_read = Readable(operator.running.routers.embedded, "", unit.key)
+    return ReadableHoles(holes_of(operator.gateway, unit.key), may_read)
 
 
 def _told(place: Span) -> str:

@@ -68,13 +68,14 @@ def ask_for(operator: Operator, unit: int, asker: Asker, make_origin: Callable[[
     any wait. `make_origin` makes the origin of each request; by default it only awaits its outcome.
     """
     make_origin = make_origin or partial(AwaitedOrigin, asker.is_there, asker.caller)
-    expected = target(operator.gateway, unit)
+    gateway = operator.gateway
+    expected = target(gateway, unit)
     called = f"unit {unit}" if unit <= HIGHEST_UNIT else "the device"
 
     async def ask(step: Step) -> Answer:
         if asker.door == "control":
             await operator.running.settled()
-        if target(operator.gateway, unit) is not expected:
+        if operator.gateway is not gateway and target(operator.gateway, unit) is not expected:
             raise ChangedMeanwhile(f"{called} has changed by a reload: ask again")
         done = await send(operator.router(asker.door), unit, step, make_origin())
         response = exception_response(step.pdu[0], 0) if done.pdu is None else done.pdu

@@ -7,7 +7,10 @@ import pytest
 
 from gateway import AccessDenied, Busy, DeviceFailure, IllegalAddress, LineDown, NoResponse, Refused, UnknownUnit
 from gateway.errors import AnswerOverdue, OnlyHeard, QueueFull, ResponseTimeout, StaleValue, WaitedTooLong
+from gateway.library.unit_client import UnitClient
 from gateway.modbus import rtu
+from gateway.operator.operator import Operator
+from kit.asking import NO_FILE
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.program import unit_of
@@ -273,6 +276,36 @@ async def test_others_get_their_turns_while_a_program_reads_what_the_gateway_its
         await shift.read_holding(0, 3)
     others.cancel()
     assert turns >= 10
+
+
+@pytest.mark.parametrize(
+    "asks",
+    [
+        lambda press: press.read("speed"),
+        lambda press: press.read_points(),
+        lambda press: press.read_holding(0),
+        lambda press: press.read_input(0),
+        lambda press: press.read_coils(0),
+        lambda press: press.read_discrete(0),
+        lambda press: press.write("mode", 1),
+        lambda press: press.write_holding(0, [1]),
+        lambda press: press.write_coils(0, [True]),
+        lambda press: press.request(READ),
+    ],
+)
+async def test_a_gateway_that_has_stopped_is_asked_nothing(bench, asks):
+    operators = [Operator(bench.running, NO_FILE)]
+
+    def operator() -> Operator:
+        if not operators:
+            raise RuntimeError("it has stopped")
+        return operators[0]
+
+    press = UnitClient(operator, "press")
+    operators.clear()
+    with pytest.raises(RuntimeError, match="it has stopped"):
+        await asks(press)
+    assert bench.device.heard == []
 
 
 # --- cancelling ---
