@@ -76,7 +76,7 @@ class Gateway:
         one more. What outlives the program is kept in the folder `state`, which no other gateway may use; without it
         nothing is written to a disk.
 
-        Blocks: some 10 ms, and a second for 10 000 points. In a program that must not wait:
+        Blocks for some 10 ms; a long config takes two seconds for 10 000 points. Where the event loop must go on:
         `await asyncio.to_thread(Gateway.from_toml, path)`.
 
         Raises:

@@ -14,7 +14,8 @@ from gateway.runtime.running import Running
 from kit.control import FakeConversation, Question
 
 #: Of a gateway whose config is in no file.
-NO_FILE = SimpleNamespace(file=Path("/nonexistent/gateway.toml"), text="", applied_at=0.0, is_service=False)
+_NOWHERE = Path("/nonexistent/gateway.toml")
+NO_FILE = SimpleNamespace(file=_NOWHERE, place=str(_NOWHERE), fixed="", text="", applied_at=0.0, is_service=False)
 
 
 def answering(
