@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 import tomllib
+from contextlib import suppress
 from datetime import date
 from enum import IntEnum, StrEnum
 from pathlib import Path
@@ -14,8 +15,11 @@ from types import MappingProxyType
 
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
 from gateway.cli.main import main
+from gateway.config.schema.config import Config
+from gateway.config.schema.table import Table, keys_of, row_model
 from gateway.errors import ConfigError
 from gateway.library.reading_config import read_file, read_table, read_text
 from kit.configs import accepted_configs
@@ -130,6 +134,34 @@ def test_a_value_of_a_wrong_type_is_told_by_its_key(value, said):
 def test_what_must_be_text_is_told_of_any_type(value):
     assert "line[0].port: must be text" in str(refused(from_dict, {"line": [{"port": value}], "site": "a"}))
     assert "site: must be text" in str(refused(from_dict, {"site": value}))
+
+
+_TABLES = keys_of(Config) + [
+    key for each in Config.model_fields.values() for key in keys_of(row_model(each.annotation) or Table)
+]
+_KEYS = st.sampled_from(sorted({*_TABLES, "holding", "x", "", "file", "unit"})) | st.text(max_size=3) | st.integers()
+_VALUES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=5)
+    | st.binary(max_size=2)
+    | st.dates()
+    | st.sampled_from([2**63, "1 s", "/dev/null", "8E1", "a", Path("a"), set(), object, "\ud800", 9600, ()]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(_KEYS, inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(keys_of(Config)), _VALUES | st.lists(st.dictionaries(_KEYS, _VALUES, max_size=6), max_size=3)
+    )
+)
+def test_whatever_is_in_a_dict_it_can_be_used_or_the_errors_are_told(table):
+    with suppress(ConfigError):
+        from_dict(table)
 
 
 def test_a_dict_that_contains_itself_is_one_problem():
