@@ -8,6 +8,7 @@ import builtins
 import re
 import sys
 from collections.abc import Iterator
+from enum import EnumType
 from inspect import get_annotations
 from typing import Any
 
@@ -49,8 +50,10 @@ def write_signature(
     """Show the fields of an event; and no constructor that is not for programs."""
     if _is_event(found):
         return f"({', '.join(_fields(found))})", ""
+    if isinstance(found, EnumType) or "<factory>" in (signature or ""):
+        return "", ""
     is_for_parts = isinstance(found, type) and (found.__init__.__doc__ or "").startswith("Use ")
-    return ("", "") if is_for_parts or "<factory>" in (signature or "") else (signature, returns)
+    return ("", "") if is_for_parts else (signature, returns)
 
 
 def _fields(event: type[Event]) -> Iterator[str]:
