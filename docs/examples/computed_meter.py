@@ -1,7 +1,7 @@
 """A meter that is computed from two others: a house uses what the grid delivers and what its roof makes.
 
 python docs/examples/computed_meter.py docs/examples/plant.toml
-modbus-gateway read 60 input 0 --type float32 --config docs/examples/plant.toml
+modbus-gateway read 60 input 0 float32 --tcp 127.0.0.1:5020
 
 Without meters at hand: plant.toml says how they are simulated.
 """
