@@ -1,0 +1,180 @@
+"""What a request costs in a program with a gateway.
+
+    .venv/bin/python tests/bench/library.py calls      by the program, beside one that is only routed: ten seconds
+    .venv/bin/python tests/bench/library.py units      to a unit made in Python, beside one to an image, by TCP clients
+
+`calls` is CPU time of one process, the least of several rounds in turns: other work only adds to it. Its line has no
+kernel behind it, and is answered at once.
+"""
+
+import argparse
+import asyncio
+import logging
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import measure
+import programs
+from embedded import UNIT, Device, register
+from scenarios import Scenario
+
+from gateway import Gateway
+from gateway.modbus import rtu
+from gateway.request import Caller, Request
+
+HERE = Path(__file__).parent
+PROFILE = """
+[profile.ten]
+points = [{ name = "p-*", holding = "0-9" }]
+"""
+IMAGE = f"""
+[[image]]
+unit    = 200
+profile = "ten"
+holding = 1100
+initial.holding = [{{ at = 0, values = {[register(200, at) for at in range(1100)]} }}]
+"""
+ROUNDS, CALLS = 15, 300
+
+
+class AnsweredAtOnce:
+    """The port of a line whose device answers each request as soon as the loop turns."""
+
+    is_virtual = True
+    has_arrived = None
+    latency = 0.0
+
+    def __init__(self, driver: Any) -> None:
+        self._driver = driver
+        self._answers = {count: rtu.encode(17, bytes((3, 2 * count)) + bytes(2 * count)) for count in range(1, 11)}
+        driver.port_up(self)
+
+    def write(self, data: bytes) -> None:
+        """Take a request."""
+        asyncio.get_running_loop().call_soon(self._driver.received, self._answers[data[5]])
+
+    def read_now(self) -> None:
+        """Nothing stands unread."""
+
+
+class Routed:
+    """Requests with no more than an origin: what a program can do with what is not public."""
+
+    def __init__(self, gateway: Any, unit: int) -> None:
+        self.caller = Caller.without_address("embedded")
+        self._router = gateway._operator.running.routers.embedded
+        self._unit = unit
+        self._loop = asyncio.get_running_loop()
+        self._answered: asyncio.Future[bytes] | None = None
+
+    def wants(self, _: Any) -> bool:
+        """Everything."""
+        return True
+
+    def answer(self, _: Any, pdu: bytes) -> None:
+        """Take the response."""
+        self._answered.set_result(pdu)
+
+    async def ask(self) -> bytes:
+        """Read ten registers."""
+        self._answered, now = self._loop.create_future(), self._loop.time()
+        self._router.submit(Request(self._unit, b"\3\0\0\0\x0a", self, now), now)
+        return await self._answered
+
+
+async def calls() -> None:
+    """Print what each way to ask costs."""
+    listen = '[[listen]]\nbind = "tcp://127.0.0.1:0"\n'
+    line = '[[line]]\nname = "line"\nport = "/dev/none"\ngap = "0"\n'
+    line += 'devices = [{ unit = 17, name = "device", profile = "ten" }]\n'
+    logging.getLogger("gateway").setLevel(logging.ERROR)  # the line has no port
+    async with Gateway.from_text(listen + line + IMAGE + PROFILE, units={UNIT: Device()}) as gateway:
+        AnsweredAtOnce(gateway._operator.running.gateway.lines[0].driver)
+        print("| of | routed only | request | read_holding of 10 | read a point | read ten points |")
+        print("|---|---:|---:|---:|---:|---:|")
+        for name, unit in (("an image", 200), ("a line", 17)):
+            client = gateway.unit(unit)
+            ways: list[Callable[[], Awaitable[object]]] = [
+                Routed(gateway, unit).ask,
+                lambda client=client: client.request(b"\3\0\0\0\x0a"),
+                lambda client=client: client.read_holding(0, 10),
+            ]
+            if unit != UNIT:
+                ways += [lambda client=client: client.read("p-1"), client.read_points]
+            costs = await least(ways)
+            print(f"| {name} | {' | '.join(f'{cost:.1f} us ({cost / costs[0]:.1f})' for cost in costs)} |", flush=True)
+
+
+async def least(ways: list[Callable[[], Awaitable[object]]]) -> list[float]:
+    """The microseconds of each way."""
+    found = [float("inf")] * len(ways)
+    for _ in range(ROUNDS):
+        for number, way in enumerate(ways):
+            began = time.process_time()
+            for _ in range(CALLS):
+                await way()
+            found[number] = min(found[number], (time.process_time() - began) / CALLS * 1e6)
+    return found
+
+
+def units(folder: Path) -> None:
+    """Print what TCP clients see of an image, and of a unit made in Python."""
+    port = programs.free_port()
+    config = folder / "gateway.toml"
+    config.write_text(f'[[listen]]\nbind = "tcp://127.0.0.1:{port}"\n{IMAGE}{PROFILE}')
+    print("| of | clients | answers/s | p50 ms | p99 ms | CPU us |\n|---|---:|---:|---:|---:|---:|")
+    with ExitStack() as stack:
+        program = started(stack, folder, config, 0, port)
+        for clients in (1, 16):
+            for name, unit in (("an image", 200), ("a unit made in Python", UNIT)):
+                asked = Scenario(what="", clients=clients, units=str(unit))
+                told = best([asking(asked, folder, port, program) for _ in range(3)])
+                row = f"{told['rate']:.0f} | {told['p50']:.2f} | {told['p99']:.2f} | {told['cpu']:.0f}"
+                print(f"| {name} | {clients} | {row} |", flush=True)
+
+
+def best(runs: list[measure.Figures]) -> measure.Figures:
+    """The run with the least CPU time; none may have a fault."""
+    if any(run[fault] for run in runs for fault in measure.FAULTS if fault in run):
+        raise programs.BenchError(f"wrong answers: {runs}")
+    return min(runs, key=lambda run: run["cpu"])
+
+
+def asking(scenario: Scenario, folder: Path, port: int, program: subprocess.Popen) -> measure.Figures:
+    """What load.c tells."""
+    command = programs.load(scenario, folder, port, program.pid)
+    return measure._figures(scenario, measure._load(scenario, command))
+
+
+def started(stack: ExitStack, folder: Path, config: Path | None, http: int, port: int) -> subprocess.Popen:
+    """Start embedded.py, and wait until it serves."""
+    command = [sys.executable, HERE / "embedded.py", config or "-", str(http)]
+    log = stack.enter_context((folder / "log").open("w"))
+    program = programs.start(command, programs.processors()[1], stdout=log, stderr=log)
+    stack.callback(programs.end, program)
+    for each in {http, port} - {0}:
+        programs.wait_for_listener(each, program)
+    return program
+
+
+def main() -> None:
+    """Measure what is named, or all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", nargs="?", choices=("calls", "units"))
+    what = parser.parse_args().what
+    if what != "units":
+        asyncio.run(calls())
+    if what != "calls":
+        with tempfile.TemporaryDirectory(prefix="library.") as name:
+            programs.compile_into(Path(name))
+            units(Path(name))
+
+
+if __name__ == "__main__":
+    main()
