@@ -11,6 +11,8 @@ from kit.chromium import chromium, demo_page
 from kit.one_demo import Shared, set_of
 from kit.process import prepared
 
+#: The project of somebody else: test_wheel.py runs its tests.
+collect_ignore = ["project"]
 #: Those that a demo takes if nobody listens there: of its clients, its page, its secured clients.
 DEMO_PORTS = (5020, 8502, 8802)
 

@@ -22,6 +22,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from kit.wheel import asked_for, build
+
 CHECKOUT = Path(__file__).resolve().parents[2]
 DEPLOY = CHECKOUT / "deploy"
 #: What compiles the gateway in the image, and does not get into it.
@@ -50,13 +52,6 @@ def pinned() -> dict[str, str]:
     text = (DEPLOY / "requirements.txt").read_text(encoding="utf-8")
     found = re.findall(r"^([\w-]+)==(\S+)", text, re.MULTILINE)
     return {canonicalize_name(name): version for name, version in found}
-
-
-def asked_for(library: str) -> set[str]:
-    """This library, those that it asks for, and those that they ask for."""
-    asked = map(Requirement, metadata.requires(library) or ())
-    names = {one.name for one in asked if one.marker is None or one.marker.evaluate({"extra": ""})}
-    return {canonicalize_name(library)}.union(*map(asked_for, names))
 
 
 def imported() -> Iterator[str]:
@@ -94,7 +89,7 @@ def test_whoever_packs_them_takes_them_from_that_list(builder):
 def built(tmp_path_factory):
     """Wheel and sdist, as `deploy/release` builds them."""
     folder = tmp_path_factory.mktemp("dist")
-    printed(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-t", "sdist", "-d", folder)
+    build(folder, "-t", "sdist")
     return folder
 
 
