@@ -93,6 +93,12 @@ def test_it_runs(run: Run) -> None:
     ]
 
 
+def test_the_daemon_accepts_its_config_too(run: Run) -> None:
+    told = printed(run("-m", "gateway", "check", "plant.toml"))
+    assert "silo:Silo" in told
+    assert told.endswith("no errors, no warnings\n")
+
+
 def test_what_is_wrong_with_its_config_is_said_without_a_traceback(run: Run, project: Path) -> None:
     (project / "wrong.toml").write_text("[[image]]\nunit = 600\n")
     done = run("plant.py", "wrong.toml")
