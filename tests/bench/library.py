@@ -39,6 +39,10 @@ unit    = 200
 profile = "ten"
 holding = 1100
 initial.holding = [{{ at = 0, values = {[register(200, at) for at in range(1100)]} }}]
+[[image]]
+unit    = {UNIT}
+profile = "ten"
+python  = "embedded:Device"
 """
 ROUNDS, CALLS = 15, 300
 
@@ -49,6 +53,7 @@ class AnsweredAtOnce:
     is_virtual = True
     has_arrived = None
     latency = 0.0
+    errors = None
 
     def __init__(self, driver: Any) -> None:
         self._driver = driver
@@ -98,15 +103,15 @@ async def calls() -> None:
         AnsweredAtOnce(gateway._operator.running.gateway.lines[0].driver)
         print("| of | routed only | request | read_holding of 10 | read a point | read ten points |")
         print("|---|---:|---:|---:|---:|---:|")
-        for name, unit in (("an image", 200), ("a line", 17)):
+        for name, unit in (("an image", 200), ("a unit made in Python", UNIT), ("a line", 17)):
             client = gateway.unit(unit)
             ways: list[Callable[[], Awaitable[object]]] = [
                 Routed(gateway, unit).ask,
                 lambda client=client: client.request(b"\3\0\0\0\x0a"),
                 lambda client=client: client.read_holding(0, 10),
+                lambda client=client: client.read("p-1"),
+                client.read_points,
             ]
-            if unit != UNIT:
-                ways += [lambda client=client: client.read("p-1"), client.read_points]
             costs = await least(ways)
             print(f"| {name} | {' | '.join(f'{cost:.1f} us ({cost / costs[0]:.1f})' for cost in costs)} |", flush=True)
 

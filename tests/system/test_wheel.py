@@ -85,7 +85,7 @@ def test_its_types_are_right_and_mistakes_are_seen(checker: str, python: Path, p
 
 
 def test_it_runs(run: Run) -> None:
-    assert printed(run("-X", "dev", "-W", "error", "plant.py", "plant.toml")).splitlines() == [
+    assert printed(run("-W", "error", "plant.py", "plant.toml")).splitlines() == [
         "weight 950",
         "refused with 2",
         "tcp [950, 1] [] 0",
