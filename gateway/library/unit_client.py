@@ -22,14 +22,13 @@ from gateway.operator.operator import Operator
 from gateway.operator.reached import Readable, ReadableHoles, holes_of
 from gateway.operator.requests import Ask, AwaitedOrigin, ask_for, send
 from gateway.operator.unit_values import assigned, carried_out, point_named
-from gateway.operator.units import picture
+from gateway.operator.units import known_picture
 from gateway.operator.values import Outcome, Step, Steps, reading, writing
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading as PointRead
 from gateway.registers.items import REGISTER, items_read, read_request, write_request
 from gateway.request import Caller
-from gateway.runtime.gateway import Gateway
 
 
 def _is_there() -> bool:
@@ -60,7 +59,6 @@ class UnitClient:
         """
         self._operator = operator
         self._wanted = unit
-        self._gateway: Gateway | None = None
         now = operator()
         self._found = self._unit(now)
         self._loop = now.running.builder.loop
@@ -191,18 +189,15 @@ class UnitClient:
             raise BrokenResponse(f"{self.name}: {wrong}") from None
 
     def _unit(self, operator: Operator) -> UnitPicture:
-        """Describe the unit; anew after a reload.
+        """Describe the unit.
 
         Raises:
             UnknownUnit: there is none any more.
         """
-        gateway = operator.gateway
-        if gateway is not self._gateway:
-            try:
-                self._found = picture(gateway, self._wanted)
-            except WrongQuestion as wrong:
-                raise UnknownUnit(str(wrong)) from None
-            self._gateway = gateway
+        try:
+            self._found = known_picture(operator, self._wanted)
+        except WrongQuestion as wrong:
+            raise UnknownUnit(str(wrong)) from None
         return self._found
 
 

@@ -86,6 +86,28 @@ def picture(gateway: Gateway, wanted: object) -> UnitPicture:
     return _picture(found, gateway, gateway.longest_waits)
 
 
+class _Known:
+    """The units that were asked for, by what they were asked for by, and their gateway. Any thread may be amid it."""
+
+    def __init__(self) -> None:
+        self.of: tuple[Gateway | None, dict[int | str, UnitPicture]] = None, {}
+
+
+def known_picture(operator: Operator, wanted: int | str) -> UnitPicture:
+    """Describe the unit with this number or name; made once until a reload.
+
+    Raises:
+        WrongQuestion: there is none.
+    """
+    kept, present = operator.kept(_Known), operator.gateway
+    gateway, units = kept.of
+    if gateway is not present:
+        kept.of = present, (units := {})
+    if wanted not in units:
+        units[wanted] = picture(present, wanted)
+    return units[wanted]
+
+
 class _Placed:
     """The points of units, and the same in the order of their addresses, by unit and area."""
 
