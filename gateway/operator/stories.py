@@ -103,11 +103,20 @@ def _why_not_valid(heard: bytes, mode: str) -> str:
 
 def _not_sent(story: Story) -> list[str]:
     result = story["result"]
+    if not story.get("line") and result in _OF_LINES:
+        return _made_in_python(story)
     tell = _NOT_SENT.get(result)
     if tell is _not_repeated:
         return [tell(story)]
     what = f"It was refused: {story['reason'] or result}." if tell is None else tell(story)
     return [what, "Nothing was sent."]
+
+
+def _made_in_python(story: Story) -> list[str]:
+    """Say why a unit made in Python, the only one without a line that fails so, did not answer."""
+    if story["result"] in ("timeout", "line_lost"):
+        return [f"It failed: {story['reason']}.", "It was cancelled; the unit may have acted."]
+    return [f"It was refused: {story['reason']}.", "The unit was not asked."]
 
 
 def _waited(story: Story) -> str:
@@ -219,3 +228,6 @@ _NOT_SENT: Final[Mapping[str, Callable[[Story], str]]] = {
     "timeout": _not_repeated,
     "line_lost": _not_repeated,
 }
+
+#: Results for which that is said of a line or a server.
+_OF_LINES: Final = ("line_down", "resting", "queue_full", "expired", "timeout", "line_lost")

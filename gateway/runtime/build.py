@@ -64,8 +64,8 @@ class Builder:
     pollers: Pollers
     custom: CustomImages
 
-    def prepare(self, plan: Plan) -> None:
-        """Read what persistent images of a plan have saved, and make its units made in Python. Blocks.
+    def prepare(self, plan: Plan, before: Plan) -> None:
+        """Read what persistent images of a plan have saved, and make its new units made in Python. Blocks.
 
         An image may have a hundred thousand values.
 
@@ -73,7 +73,7 @@ class Builder:
             StateError: what was saved cannot be read.
             ConfigError: a class that the config names cannot be used.
         """
-        self.custom.prepare(plan)
+        self.custom.prepare(plan, before)
         if plan.has_kept_images:
             self.opened_store()
 

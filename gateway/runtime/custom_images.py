@@ -50,17 +50,16 @@ class CustomImages:
         self._made: dict[tuple[int, str], CustomUnit] = {}
         self._drivers: list[CustomDriver] = []
 
-    def prepare(self, plan: Plan) -> None:
+    def prepare(self, plan: Plan, before: Plan) -> None:
         """Make the units that are new in a plan. Blocks, as the code of their authors may.
 
         Raises:
             ConfigError: a class cannot be used.
         """
-        present = [driver.image.settings for driver in self._drivers]
         self._made = {
             (one.unit, one.python): made(one.python, self._folder)
             for one in plan.images
-            if one.python and one.unit not in self._given and one not in present
+            if one.python and one.unit not in self._given and one not in before.images
         }
 
     def image(self, settings: ImageSettings) -> CustomImage:

@@ -154,7 +154,7 @@ class Reloader:
         try:
             async with asyncio.timeout(LOADING_TIME):
                 certificates, unusable = await loop.run_in_executor(ThreadPerCall("read certificates"), _load, new)
-                await loop.run_in_executor(ThreadPerCall("read state"), self._running.builder.prepare, new)
+                await loop.run_in_executor(ThreadPerCall("read state"), self._running.builder.prepare, new, old)
                 old_code = await loop.run_in_executor(ThreadPerCall("look at modules"), list, outdated(new.images))
             defect = await self._switch(self._running.builder.build(new, self._running.gateway), certificates)
         except TimeoutError:

@@ -7,9 +7,12 @@ from gateway.events import CustomUnitFailed, CustomUnitsLeft, UnitResting, Write
 from gateway.images.custom_unit import CustomUnit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
+from gateway.operator.asked import ToExplain
 from gateway.operator.kept import kept, window
 from gateway.operator.reached import target
 from gateway.operator.status import status
+from gateway.operator.stories import sentences
+from gateway.operator.trace import stories
 from kit.gateway_bench import GatewayBench, gateway_bench, keep_lines_open
 
 LISTEN = """
@@ -200,6 +203,23 @@ async def test_at_the_stop_what_is_open_is_answered_and_what_does_not_end_is_tol
         ending = one.now()
     assert 1.0 <= one.now() - ending < 1.1
     assert bench.events[-1] == CustomUnitsLeft(("clock",))
+
+
+async def test_the_trace_says_what_became_of_its_requests():
+    unit = Clock()
+    async with gateway_bench(LISTEN + CLOCK, units={60: unit}) as bench:
+        one, other = bench.client(), bench.client("10.0.0.8:1")
+        unit.takes = 5.0
+        one.ask(60, "06 0001 0001")
+        await asyncio.sleep(0.1)
+        unit.heeds = False
+        other.ask(60, "06 0002 0001")
+        assert (await one.answer(), await other.answer()) == ("86 0B", "86 06")
+        told = [sentences(story) for story in stories(bench.running, ToExplain("clock"), (0.0, 0.0)).stories]
+        assert [each.partition(" The result")[0] for each in told] == [
+            "It was refused: it waited 1 s for earlier requests to clock. The unit was not asked.",
+            "It failed: clock did not answer within 1 s. It was cancelled; the unit may have acted.",
+        ]
 
 
 async def test_the_status_says_how_it_is():

@@ -37,6 +37,8 @@ _REASONS: Final[Mapping[str, str]] = {
     "expired": "the line was busy for longer than its max_wait; try again",
     "line_down": "its line is down; modbus-gateway status shows why",
 }
+#: The results for which the gateway's own reason says more, if it has one.
+_TOLD_BETTER: Final = ("line_down", "queue_full", "expired")
 
 
 class NoResponseError(GatewayError):
@@ -116,7 +118,7 @@ class DaemonUnit:
         pdu = step.pdu
         answer = self._daemon.ask(REQUEST, OneRequest(self.wanted, pdu.hex(" "), step.in_one_turn))
         response, result = bytes.fromhex(answer.pdu or ""), answer.result
-        reason = (result == "line_down" and answer.reason) or _REASONS.get(result) or answer.reason or result
+        reason = (result in _TOLD_BETTER and answer.reason) or _REASONS.get(result) or answer.reason or result
         head = bytes((self.number or 0,))
         sent, received = head + pdu, head + response
         if answer.sent:
