@@ -6,7 +6,7 @@
 - supply, heard_values    what supplies values: polls, or what others ask and the gateway hears
 - at_once      an image as something that is polled
 - mirror, virtual, ordered    units whose reads are answered from polls, and which pass other requests on
-- custom_unit, custom_image    a unit made in Python: what its author writes, and the target that calls it
+- custom_unit, custom_image, custom_calls    a unit made in Python: what its author writes, the target, its calls
 - self_image, self_map    the registers of the gateway itself (docs/own-registers.md)
 - last_writes  the last writer of each value
 - drivers      the parts that use the event loop, threads and files; all else is pure

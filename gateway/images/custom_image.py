@@ -10,9 +10,7 @@ where requests wait for a call that does not end.
 """
 
 from collections import deque
-from collections.abc import Generator
-from struct import Struct, unpack
-from typing import Final, NamedTuple, Protocol
+from typing import Final, Protocol
 
 from gateway.errors import (
     DeviceFailure,
@@ -27,15 +25,13 @@ from gateway.errors import (
 )
 from gateway.events import Emit, RequestTimeout, UnitRecovered, discard_event
 from gateway.events import UnitResting as RestBegins
+from gateway.images.custom_calls import Call, Steps, steps_of
 from gateway.images.image import Image, ImageSettings
 from gateway.images.services import Diagnostics
 from gateway.images.tables import make_tables
 from gateway.lines.breaker import Breaker
-from gateway.modbus.codes import FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span
 from gateway.profiles.profile import covers
-from gateway.registers.items import has_bits, pack_bits, unpack_bits
-from gateway.registers.masks import masked, write_after
 from gateway.request import Request
 from gateway.trace.ring import Ring
 
@@ -44,21 +40,8 @@ MOST_WAITING: Final = 64
 #: Its product name in function 43.
 PRODUCT: Final = "custom unit"
 
-_WORD: Final = Struct(">H")
 #: What a client that waits or has left gets, and what is told otherwise.
 _UNTOLD: Final = (WaitedTooLong, Unwanted, UnitResting, ResponseTimeout, LineLost, LineDown)
-
-
-class Call(NamedTuple):
-    """A call of `read`, or of `write` if there are `values`; a bit is 0 or 1."""
-
-    span: Span
-    values: tuple[int, ...] | None = None
-
-
-#: The calls of a request. Each gives the items that were read, two bytes for a register and one for a bit, or nothing;
-#: in the end the response PDU is returned.
-Steps = Generator[Call, bytes, bytes]
 
 
 class Calls(Protocol):
@@ -176,11 +159,6 @@ class CustomImage(Image):
             self._finish(each.request, LineDown(f"{self.name} has ended"), now)
         self._calls.wake_at(None)
 
-    @property
-    def is_busy(self) -> bool:
-        """Whether a call goes on, perhaps after its client has its answer."""
-        return self._present is not None
-
     def _go_on(self, now: float) -> None:
         """Begin with the next request if the last one is over. Requests that are answered may bring the next ones."""
         if self._is_going_on:
@@ -206,7 +184,7 @@ class CustomImage(Image):
             self._finish(request, UnitResting(f"{self.name} rests: {self.breaker.failures} failures in a row"), now)
         else:
             self._present = turn
-            turn.steps = self._steps_of(turn.asked, turn.in_one_turn)
+            turn.steps = steps_of(turn.asked, self._profile, turn.in_one_turn)
             turn.expires_at = now + self.settings.timeout
             self._calls.begin(next(turn.steps))
 
@@ -278,25 +256,6 @@ class CustomImage(Image):
             return min(first, turn.expires_at)
         return self._waiting[0].expires_at if self._waiting else None
 
-    def _steps_of(self, asked: RequestPdu, in_one_turn: int) -> Steps:
-        """Yield the calls of a request: functions 22 and 23 have two.
-
-        Raises:
-            RequestError: a guard does not let the bits be written.
-        """
-        write, read = asked.write, asked.read
-        if asked.function == FunctionCode.MASK_WRITE_REGISTER and write is not None:
-            (before,) = _WORD.unpack((yield Call(write)))
-            if in_one_turn and not self._profile.masks(asked.data):
-                self._profile.check(write_after(asked.data, before, in_one_turn))
-            yield Call(write, (masked(asked.data, before),))
-        elif write is not None:
-            yield Call(write, _values(asked, write))
-        if read is None:
-            return asked.response_head
-        items = yield Call(read)
-        return asked.response_head + (pack_bits(items) if has_bits(read.area) else items)
-
     def _check_in_one_turn(self, pdu: bytes, function: int) -> RequestPdu:
         """Check a write to bits; what is written instead is checked when the register is known."""
         return self._check_places(self._profile.check_in_one_turn(pdu, function))
@@ -307,12 +266,3 @@ class CustomImage(Image):
     def _tell(self, request: Request, error: RequestError) -> None:
         if not isinstance(error, _UNTOLD):
             super()._tell(request, error)
-
-
-def _values(asked: RequestPdu, span: Span) -> tuple[int, ...]:
-    """Return what a request writes to the items of `span`."""
-    if asked.function == FunctionCode.WRITE_SINGLE_COIL:
-        return (1,) if asked.data[3] else (0,)
-    if has_bits(span.area):
-        return tuple(unpack_bits(asked.values, span.count))
-    return unpack(f">{span.count}H", asked.values)

@@ -15,7 +15,8 @@ from typing import Any, Final
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.errors import DeviceFailure, RequestError
 from gateway.events import CustomUnitFailed, Emit, PartFailed
-from gateway.images.custom_image import Call, CustomImage
+from gateway.images.custom_calls import Call
+from gateway.images.custom_image import CustomImage
 from gateway.images.custom_unit import CustomUnit
 from gateway.images.image import ImageSettings
 from gateway.modbus.pdu import Span
