@@ -1,6 +1,7 @@
 """Units made in Python that the config names, in their thread: what blocks there holds up nobody else."""
 
 import asyncio
+import random
 import threading
 import time
 from contextlib import asynccontextmanager
@@ -10,6 +11,12 @@ import pytest
 from gateway import Busy, CustomUnit, Gateway, NoResponse, Refused
 from gateway.clock.loop_thread import LoopThread
 from gateway.events import CustomUnitsLeft
+from gateway.images.drivers.custom_driver import CustomDriver
+from gateway.images.image import ImageSettings
+from gateway.modbus.codes import Area
+from gateway.trace.ring import Ring
+from images.asking import GENERIC
+from kit.asker import Asker
 
 CONFIG = """
 [[listen]]
@@ -181,6 +188,49 @@ async def test_many_requests_from_many_tasks_get_their_own_answers(config):
                 assert await unit.read_holding(100 * number + at, 2) == [100 * number + at] * 2
 
         await asyncio.gather(*map(ask, range(20)))
+
+
+class Close(CustomUnit):
+    """Answers just before its time is up, or just after, or at the same moment."""
+
+    def __init__(self) -> None:
+        self.begun: list[int] = []
+        self.chance = random.Random(46)
+
+    async def read(self, area, address, count):
+        self.begun.append(address)
+        pause = self.chance.uniform(0.003, 0.006)
+        if address % 2:
+            time.sleep(pause)  # noqa: ASYNC251 - what this is about
+        else:
+            await asyncio.sleep(pause)
+        return [address] * count
+
+
+async def test_who_is_answered_as_the_time_is_up_gets_one_answer_and_the_right_one():
+    """The deadline, the end of a call in another thread, and its beginning there meet in every order."""
+    loop, thread, unit, client = asyncio.get_running_loop(), LoopThread("close"), Close(), Asker()
+    settings = ImageSettings(60, "close", GENERIC, {Area.HOLDING: ((0, 999),)}, python="Close", timeout=0.0045)
+    driver = CustomDriver(settings, unit, loop, lambda _: None, Ring(), thread.call_soon)
+    requests = []
+    for number in range(150):
+        driver.image.breaker.record_success()
+        requests.append(client.ask(f"03 {number:04X} 0001", unit=60, now=loop.time()))
+        driver.image.submit(requests[-1], loop.time())
+        await asyncio.sleep(unit.chance.choice([0.0, 0.002, 0.005, 0.01]))
+    await asyncio.sleep(0.1)
+    driver.close()
+    assert await thread.close()
+    assert all(request.is_over for request in requests)
+    assert len(client.answers) == len(requests)
+    values = [int(answer[6:].replace(" ", ""), 16) for answer in client.answers if answer.startswith("03")]
+    assert {*values} <= {*unit.begun}
+    assert values == sorted(set(values))
+    done = {number for number, request in enumerate(requests) if request.error is None}
+    assert done == {*values}
+    refused = {n for n, request in enumerate(requests) if request.error is not None and request.error.code == 6}
+    assert not refused & {*unit.begun}
+    assert len({answer[:5] for answer in client.answers}) > 1  # of values, 0B and 06
 
 
 async def test_a_thread_that_was_never_needed_is_never_started():
