@@ -177,7 +177,7 @@ class Gateway:
         """Run until `stop`, as the daemon does."""
         with closing(self._events):
             fan_out = FanOut(self._events.emit)
-            async with state_open(self._state, self._config.plan, fan_out.emit) as kept:
+            async with state_open(self._state, self._config.plan, fan_out.emit, stop) as kept:
                 await self._run_with(kept, fan_out, ready, stop)
 
     async def _run_with(self, kept: KeptState, fan_out: FanOut, ready: "_Ready", stop: Stop) -> None:

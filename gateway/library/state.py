@@ -13,6 +13,7 @@ from gateway.errors import StateError
 from gateway.events import Emit
 from gateway.runtime.kept_state import KeptState, state_kept
 from gateway.runtime.remembered import in_force
+from gateway.service.supervisor import Stop
 from gateway.state import files
 from gateway.state.troubles import StateTroubles
 
@@ -20,17 +21,18 @@ T = TypeVar("T")
 
 #: Locked while a gateway of a program uses the folder.
 _LOCK: Final = "embedded.lock"
-#: How long a cancelled start waits for the disk, in seconds.
+#: How long a start that is to stop again waits for the disk, in seconds.
 _PATIENCE: Final = 1.0
 
 
 @asynccontextmanager
-async def state_open(folder: Path | None, plan: Plan, emit: Emit) -> AsyncIterator[KeptState]:
+async def state_open(folder: Path | None, plan: Plan, emit: Emit, stop: Stop) -> AsyncIterator[KeptState]:
     """Keep the state in files of this `folder` inside the context, as the daemon does; without one, in memory.
 
     What changes at the end is written before it returns, or is cancelled: that takes 3 s at most.
 
     Raises:
+        CancelledError: the order to `stop` came while it was being opened.
         StateError: another gateway uses the folder, or a later version has written what images of the `plan` keep.
     """
     if folder is None:
@@ -38,7 +40,7 @@ async def state_open(folder: Path | None, plan: Plan, emit: Emit) -> AsyncIterat
         return
     opened = ExitStack()
     opening = ThreadPerCall("open state").submit(_open, folder, plan, emit, opened)
-    kept = await _opened(opening, opened)
+    kept = await _opened(opening, opened, stop)
     try:
         yield kept
     finally:
@@ -74,18 +76,22 @@ def _alone_in(folder: Path) -> AbstractContextManager[object]:
         return nullcontext()
 
 
-async def _opened(opening: Future[KeptState], opened: ExitStack) -> KeptState:
-    """Wait until all is open; if this is cancelled, all is closed again by the thread."""
-    waiting = asyncio.wrap_future(opening)
+async def _opened(opening: Future[KeptState], opened: ExitStack, stop: Stop) -> KeptState:
+    """Wait until all is open; if that is not wanted any more, the thread closes all again."""
+    waiting, ordered = asyncio.wrap_future(opening), asyncio.create_task(stop.wait(), name="stop")
     try:
-        return await asyncio.shield(waiting)
+        await asyncio.wait((waiting, ordered), return_when=asyncio.FIRST_COMPLETED)
+        if not waiting.done():
+            await asyncio.wait((waiting,), timeout=_PATIENCE)
+        if waiting.done():
+            return waiting.result()
+        raise asyncio.CancelledError
     except asyncio.CancelledError:
         opening.add_done_callback(lambda _: opened.close())
-        await asyncio.wait((waiting,), timeout=_PATIENCE)
-        if waiting.done():
-            waiting.exception()  # nobody else asks for it
         waiting.cancel()
         raise
+    finally:
+        ordered.cancel()
 
 
 async def _to_its_end(work: Future[T]) -> T:

@@ -9,6 +9,7 @@ import pytest
 
 from gateway import ConfigError, Gateway, StateError
 from gateway.errors import NoResponse
+from gateway.library import state
 from gateway.runtime.overdue import LeftBehind
 from gateway.state.entry_file import EntryFile
 from gateway.state.memory import StateFile
@@ -82,6 +83,25 @@ async def test_values_that_are_kept_soon_are_on_the_disk_at_the_end_and_no_timer
     assert [each for each in loop._scheduled if not each.cancelled()] == []
     async with Gateway.from_text(text, state=tmp_path) as gateway:
         assert await gateway.unit(5).read_holding(0) == [42]
+
+
+async def test_a_reload_may_bring_what_must_be_kept(tmp_path):
+    file = tmp_path / "plant.toml"
+    file.write_text(IMAGE.replace('persist = "always"', ""))
+    async with Gateway.from_toml(file, state=tmp_path / "state") as gateway:
+        file.write_text(IMAGE)
+        outcome = await gateway._operator.reloader.order()
+        assert (outcome.problems, outcome.changed) == ((), ("image image-5",))
+        await gateway.unit(5).request(WRITE_42)
+    async with Gateway.from_toml(file, state=tmp_path / "state") as gateway:
+        assert await gateway.unit(5).read_holding(0) == [42]
+
+
+async def test_virtual_ports_are_linked_in_the_folder_of_the_config(tmp_path):
+    server = '[[line]]\nrole = "server"\nport = "pty:hall"\nserves = [5]\n'
+    async with Gateway.from_text(IMAGE.replace('persist = "always"', "") + server, folder=tmp_path):
+        assert (tmp_path / "hall").is_symlink()
+    assert list(tmp_path.iterdir()) == []
 
 
 async def test_a_late_answer_is_known_to_the_next_gateway(tmp_path):
@@ -198,9 +218,74 @@ async def test_a_start_that_is_cancelled_lets_the_folder_go(tmp_path, steps):
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
-    for _ in range(100):
-        if threading.active_count() == 1:
-            break
-        await asyncio.sleep(0.01)
+    await until(lambda: threading.active_count() == 1)
     async with Gateway.from_text(IMAGE, state=tmp_path) as gateway:
         assert await gateway.unit(5).read_holding(0) == [0]
+
+
+class SlowLock:
+    """The lock of a folder on a disk that takes its time, until `goes_on`: at the begin, or at the end."""
+
+    def __init__(self, monkeypatch, at):
+        self.goes_on, self.is_reached, self.is_held = threading.Event(), threading.Event(), False
+        self._at = at
+        monkeypatch.setattr(state, "_alone_in", lambda _folder: self)
+
+    def __enter__(self):
+        self._wait("begin")
+        self.is_held = True
+
+    def __exit__(self, *_):
+        self._wait("end")
+        self.is_held = False
+
+    def _wait(self, at):
+        if at == self._at:
+            self.is_reached.set()
+            assert self.goes_on.wait(10)
+
+
+async def live(tmp_path):
+    async with Gateway.from_text(IMAGE, state=tmp_path):
+        pass
+
+
+async def until(is_so):
+    for _ in range(1000):
+        if is_so():
+            return
+        await asyncio.sleep(0.01)
+    pytest.fail("it never came to that")
+
+
+@pytest.mark.parametrize("patience", [0.02, 5.0])
+async def test_a_start_that_is_cancelled_waits_little_for_a_slow_disk_and_all_is_closed_again(
+    patience, tmp_path, monkeypatch
+):
+    lock = SlowLock(monkeypatch, "begin")
+    monkeypatch.setattr(state, "_PATIENCE", patience)
+    living = asyncio.create_task(live(tmp_path))
+    await until(lock.is_reached.is_set)
+    asyncio.get_running_loop().call_later(0.2, lock.goes_on.set)
+    living.cancel()
+    await asyncio.wait([living])
+    assert living.cancelled()
+    assert lock.goes_on.is_set() == (patience > 1)
+    lock.goes_on.set()
+    await until(lambda: threading.active_count() == 1)
+    assert not lock.is_held
+
+
+async def test_a_stop_that_is_cancelled_still_writes_what_is_kept(tmp_path, monkeypatch):
+    lock = SlowLock(monkeypatch, "end")
+    living = asyncio.create_task(live(tmp_path))
+    await until(lock.is_reached.is_set)
+    for _ in range(3):
+        for each in asyncio.all_tasks() - {asyncio.current_task()}:
+            each.cancel()
+        await asyncio.sleep(0.01)
+    assert not living.done()
+    lock.goes_on.set()
+    await asyncio.wait([living])
+    assert living.cancelled()
+    assert not lock.is_held
