@@ -79,19 +79,24 @@ def _alone_in(folder: Path) -> AbstractContextManager[object]:
 async def _opened(opening: Future[KeptState], opened: ExitStack, stop: Stop) -> KeptState:
     """Wait until all is open; if that is not wanted any more, the thread closes all again."""
     waiting, ordered = asyncio.wrap_future(opening), asyncio.create_task(stop.wait(), name="stop")
+
+    def give_up() -> None:
+        opening.add_done_callback(lambda _: opened.close())
+        if not waiting.cancel():
+            waiting.exception()  # nobody else asks for it
+
     try:
         await asyncio.wait((waiting, ordered), return_when=asyncio.FIRST_COMPLETED)
         if not waiting.done():
             await asyncio.wait((waiting,), timeout=_PATIENCE)
-        if waiting.done():
-            return waiting.result()
-        raise asyncio.CancelledError
     except asyncio.CancelledError:
-        opening.add_done_callback(lambda _: opened.close())
-        waiting.cancel()
+        give_up()
         raise
     finally:
         ordered.cancel()
+    if not waiting.done():
+        give_up()
+    return await waiting
 
 
 async def _to_its_end(work: Future[T]) -> T:
