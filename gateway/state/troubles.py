@@ -17,7 +17,7 @@ class StateTroubles:
     """The present troubles, as events tell of them. All events are handed on to `emit`."""
 
     def __init__(self, folder: Path, emit: Emit) -> None:
-        self._folder = folder
+        self.folder = folder
         self._emit = emit
         self._not_written: dict[str, str] = {}
         self._damaged: dict[str, str] = {}
@@ -42,7 +42,7 @@ class StateTroubles:
 
     def look(self) -> None:
         """Emit an event if the folder cannot be written any more, or can be again. Blocks."""
-        folder, reason = str(self._folder), why_not_writable(self._folder)
+        folder, reason = str(self.folder), why_not_writable(self.folder)
         if reason and folder not in self._not_written:
             self.emit(StateNotKept(folder, reason))
         elif not reason and folder in self._not_written:

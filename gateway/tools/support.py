@@ -74,10 +74,11 @@ async def make_bundle(operator: Operator, asked: ToSupport, asker: Asker) -> byt
     async with aclosing(tell_all(operator, asked, asker)) as documents:
         async for document in documents:
             bundle.add(document)
-    at = operator.clock()
+    at, troubles = operator.clock(), operator.running.troubles
+    state = state_folder() if troubles is None else troubles.folder
 
     def packed() -> bytes:
-        bundle.add_all(documents_of_machine(reloader.file, state_folder(), lambda: _check(reloader)))
+        bundle.add_all(documents_of_machine(reloader.file, state, lambda: _check(reloader)))
         return bundle.packed(secrets_in(reloader.text), platform.node(), at, lambda: sleep(_PAUSE))
 
     return await loop.run_in_executor(ThreadPerCall("support"), packed)

@@ -66,7 +66,8 @@ async def test_there_is_no_control_socket_unless_the_config_names_one(tmp_path, 
 async def test_a_file_is_read_again(tmp_path, caplog):
     file = tmp_path / "plant.toml"
     file.write_text(CONFIG)
-    async with Gateway.from_toml(file, units={60: Clock()}) as gateway:
+    async with await asyncio.to_thread(Gateway.from_toml, file, units={60: Clock()}) as gateway:
+        assert await gateway.unit("clock-60").read_holding(0) == [7]
         listeners = gateway.addresses
         assert await command(tmp_path, "reload")
         file.write_text(MORE)
