@@ -22,12 +22,19 @@ def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Troub
         share = line.busy_share or 0.0
         if share >= FULL:
             yield Trouble("full", "lines", line.name, share=share)
+    yield from _of_units(status, states)
+
+
+def _of_units(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
     down = {each.name for each in status.all_lines if each.state in ("down", "standby")}
     for kind in ("resting", "failing"):
         for unit in status.units:
             state = states[unit.name]
             if state.word == kind and unit.line not in down:
                 yield _of_unit(unit, kind, state)
+    for image in status.images:
+        if image.state == "resting":
+            yield Trouble("resting", "units", image.name, reason="timeout", rests_ms=image.rests_ms)
 
 
 def _of_unit(unit: Any, kind: Literal["resting", "failing"], state: ShownState) -> Trouble:

@@ -126,7 +126,7 @@ def test_one_that_blocks_stops_no_line_and_no_watchdog(tmp_path: Path, systemd: 
 [[line]]
 name = "hall"
 port = "{port}"
-devices = [{{ unit = 1, as = 41, name = "silo-1", profile = "weigher" }}]
+devices = [{{ unit = 1, as = 41, name = "silo-1", profile = "weigher", timeout = "20 s" }}]
 
 [[image]]
 unit = 64
@@ -232,6 +232,6 @@ def test_status_and_check_say_what_it_is(tmp_path: Path) -> None:
         asks(gateway, 60)
         status = command("status", "--config", str(gateway.config)).stdout
         assert "Units made in Python" in status
-        assert "clock  units_of_test:Clock  1" in status
+        assert "clock  units_of_test:Clock  fine   1" in status
         checked = command("check", str(gateway.config)).stdout
         assert "clock  units_of_test:Clock  1 s      generic  all" in checked

@@ -25,7 +25,7 @@ def test_a_panel_names_what_must_be_fixed_before_what_fails_now_and_then():
 
 def test_a_lost_broker_is_a_trouble_of_its_own_and_told_once():
     def told(broker: SimpleNamespace) -> list[Trouble]:
-        status = SimpleNamespace(all_lines=(), lines=(), upstreams=(), units=(), brokers=(broker,))
+        status = SimpleNamespace(all_lines=(), lines=(), upstreams=(), units=(), images=(), brokers=(broker,))
         finding = Finding("fix", f"broker {broker.broker}", "nothing is published: it has closed the connection")
         return with_findings(list(troubles(status, {})), SimpleNamespace(groups=[("", [finding])]))
 
@@ -37,7 +37,7 @@ def test_a_lost_broker_is_a_trouble_of_its_own_and_told_once():
 
 def test_how_many_requests_were_not_sent_to_a_failing_unit_is_told_with_the_usual_reason():
     unit = SimpleNamespace(name="mixer", line="hall", last_error="bad_frame", rests_ms=0.0, counts=Counts(overdue=47))
-    status = SimpleNamespace(all_lines=(), lines=(), upstreams=(), units=(unit,), brokers=())
+    status = SimpleNamespace(all_lines=(), lines=(), upstreams=(), units=(unit,), images=(), brokers=())
     state = ShownState("failing", UnitUse(requests=595, responses=540, failed=8, unsent=47))
     (trouble,) = troubles(status, {"mixer": state})
     assert (trouble.requests, trouble.unsent, trouble.unsent_for) == (595, 47, "overdue")

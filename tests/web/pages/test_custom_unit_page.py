@@ -27,12 +27,18 @@ points = [{ name = "hour", holding = 0, unit = "h" }, { name = "alarm", holding 
 bind = "http://127.0.0.1:8502"
 """
 UNIT = """\
+import asyncio
 from gateway import CustomUnit, IllegalAddress
 
 class Clock(CustomUnit):
+    hangs = False
+
     async def read(self, area, address, count):
         if address + count > 3:
             raise IllegalAddress("it has three registers")
+        self.hangs = self.hangs or count == 3
+        if self.hangs:
+            await asyncio.sleep(60)
         return [7, 30, 15][address : address + count]
 """
 
@@ -92,3 +98,17 @@ async def test_what_programs_get_of_it(bench):
     assert (status["name"], status["python"], status["timeout_ms"]) == ("clock", "units_for_pages:Clock", 500)
     units = (await bench.browser().get("/api/v1/units")).json["units"]
     assert {each["name"]: each["kind"] for each in units} == {"clock": "custom", "hall": "virtual"}
+
+
+async def test_one_that_rests_is_a_trouble(bench):
+    client, browser = bench.inner.client(), bench.browser()
+    for _ in range(3):
+        assert await client.asks(60, "03 00 00 00 03") == "83 0B"
+    status = (await browser.get("/api/v1/status")).json
+    assert [each["state"] for each in status["images"]] == ["resting"]
+    [trouble] = status["troubles"]
+    assert (trouble["kind"], trouble["page"], trouble["name"]) == ("resting", "units", "clock")
+    assert re.search(
+        r'<span class="state resting">resting</span> · next try in \d+ s', (await browser.get("/units/clock")).text
+    )
+    assert '<a href="/units/clock">clock</a>' in (await browser.get("/")).text.split('id="images"')[0]
