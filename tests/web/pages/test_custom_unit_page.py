@@ -15,16 +15,17 @@ python = "units_for_pages:Clock"
 timeout = "500 ms"
 profile = "clock"
 
-[[image]]
-unit = 61
-name = "hall"
-map = [{ at = 0, device = "clock", holding = "0-1", every = "1 s" }]
-
 [profile.clock]
 points = [{ name = "hour", holding = 0, unit = "h" }, { name = "alarm", holding = 5, write = true }]
 
 [web]
 bind = "http://127.0.0.1:8502"
+"""
+HALL = """
+[[image]]
+unit = 61
+name = "hall"
+map = [{ at = 0, device = "clock", holding = "0-1", every = "1 s" }]
 """
 UNIT = """\
 import asyncio
@@ -43,11 +44,11 @@ class Clock(CustomUnit):
 """
 
 
-@pytest.fixture
-async def bench(tmp_path, monkeypatch):
+@pytest.fixture(params=[CONFIG + HALL])
+async def bench(tmp_path, monkeypatch, request):
     (tmp_path / "units_for_pages.py").write_text(UNIT)
     monkeypatch.syspath_prepend(tmp_path)
-    async with web_bench(CONFIG, tmp_path) as bench:
+    async with web_bench(request.param, tmp_path) as bench:
         for driver in bench.running.builder.custom._drivers:  # a thread has no virtual time
             driver._here = driver._there = asyncio.get_running_loop().call_soon
         yield bench
@@ -100,6 +101,7 @@ async def test_what_programs_get_of_it(bench):
     assert {each["name"]: each["kind"] for each in units} == {"clock": "custom", "hall": "virtual"}
 
 
+@pytest.mark.parametrize("bench", [CONFIG], indirect=True)
 async def test_one_that_rests_is_a_trouble(bench):
     client, browser = bench.inner.client(), bench.browser()
     for _ in range(3):
