@@ -2,6 +2,7 @@
 
 import os
 import stat
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from errno import EACCES
@@ -11,6 +12,7 @@ from typing import Final
 
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.load import Loaded, load_profile
+from gateway.config.machine.file_text import folder_of
 from gateway.config.machine.file_trouble import SERVICE_CONFIG, file_trouble
 from gateway.config.machine.profile_folders import BESIDE
 from gateway.config.problem import Path as ProblemPath
@@ -44,7 +46,8 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
     found += certificate_troubles(config, file)
     positions = Positions(loaded.text)
     found += [each.located(file, *positions.key(each.path)) for each in _about_libraries(config)]
-    found += [each.located(file, *positions.value(each.path)) for each in _about_files(config, folder)]
+    about_files = (*_about_files(config, folder), *_about_code(config, Path(file)))
+    found += [each.located(file, *positions.value(each.path)) for each in about_files]
     found += _about_profiles(config, file, folder)
     return replace(loaded, problems=(*found, *loaded.problems)) if found else loaded
 
@@ -78,6 +81,24 @@ def _about_file(table: Table, key: str, loss: str, folder: Path) -> Iterator[Pro
             yield from _about_token(path, named, loss, folder)
         case "users":
             yield from _about_users(path, named, loss, folder, may_write=getattr(table, "write", False))
+
+
+def _about_code(config: Config, file: Path) -> Iterator[Problem]:
+    """Warn of code of units made in Python that all users may change. Their modules have been imported."""
+    for image in config.image:
+        module = sys.modules.get((image.python or "").partition(":")[0])
+        places = () if module is None else (Path(getattr(module, "__file__", None) or file), folder_of(file))
+        exposed = next(filter(_may_be_changed_by_all, places), None)
+        if exposed is not None:
+            what = f"all users may change {exposed}, and with it what the gateway does"
+            yield warning((*image.path, "python"), what, f"chmod o-w {exposed}")
+
+
+def _may_be_changed_by_all(path: Path) -> bool:
+    try:
+        return bool(path.stat().st_mode & stat.S_IWOTH)
+    except OSError:  # a module in a zip file
+        return False
 
 
 def _about_profiles(config: Config, file: str, folder: Path) -> Iterator[Problem]:

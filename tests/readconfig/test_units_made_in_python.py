@@ -74,3 +74,16 @@ def test_in_a_text_it_is_not_imported_and_that_is_said(file):
     assert (checked.problems, checked.notes[-1]) == ((), "not imported: clock_p:Clock")
     assert not (file.parent / "was-imported").exists()
     assert "not imported" not in str(check_text(file, "[[image]]\nunit = 1\ncoils = 1\n", CONFIG).notes)
+
+
+def test_code_that_all_users_may_change_is_warned_of(file):
+    write(file)
+    assert read_config(file, look_around=True).problems == ()
+    module, folder = file.parent / "clock_p.py", file.parent
+    for place, mode in ((folder, 0o777), (module, 0o666)):
+        place.chmod(mode)
+        [warning] = map(str, read_config(file, look_around=True).problems)
+        assert warning == (
+            f"{file}:3:10: warning: image[0].python: all users may change {place}, and with it what the gateway does\n"
+            f"  help: chmod o-w {place}"
+        )
