@@ -57,7 +57,7 @@ class Gateway:
     def _take(self, config: GivenConfig, units: Units | None, state: str | Path | None) -> None:
         self._config = config
         self._units = dict(units or {})
-        self._state = None if state is None else Path(state)
+        self._state = None if state is None else Path(state).absolute()
         self._events = EventStreams(log_event)
         self._life: Life | None = None
         self._operator: Operator | None = None

@@ -31,7 +31,8 @@ _FIXED: Final = "the config is a {} of the program that runs this gateway, and c
 class GivenConfig:
     """A config without errors: its `plan`, and its `problems`, which are warnings.
 
-    `file` says from where paths count; `fixed` why there is none that `read` could read again, empty if there is one.
+    `file` is an absolute path: the program may go to another folder. It says from where paths count; `fixed` why there
+    is none that `read` could read again, empty if there is one.
     """
 
     plan: Plan
@@ -83,7 +84,7 @@ def _given(loaded: Loaded, file: Path, *, read: ReadConfig | None = None, fixed:
     if found.plan is None:
         raise ConfigError("\n".join(found.errors), found.problems)
     again: ReadConfig = read or _Same(found)
-    return GivenConfig(found.plan, found.problems, file, again, found.text, found.profile_texts, fixed)
+    return GivenConfig(found.plan, found.problems, file.absolute(), again, found.text, found.profile_texts, fixed)
 
 
 @dataclass(frozen=True, slots=True)

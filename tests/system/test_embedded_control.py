@@ -82,6 +82,19 @@ async def test_a_file_is_read_again(tmp_path, caplog):
         assert await gateway.unit("more").read_holding(0) == [0]
 
 
+async def test_a_program_may_go_to_another_folder_before_the_start(tmp_path, monkeypatch):
+    (tmp_path / "plant.toml").write_text(CONFIG)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    made = Gateway.from_toml("plant.toml", state="state")
+    monkeypatch.chdir("elsewhere")
+    async with made:
+        (tmp_path / "plant.toml").write_text(MORE)
+        assert "new: image more" in await command(tmp_path, "reload")
+    assert (tmp_path / "state" / "configs").is_dir()
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
 @pytest.mark.parametrize("kind", ["text", "dict"])
 async def test_a_config_of_the_program_is_not_read_again(kind, tmp_path):
     port, table = free_port(), {"listen": [{"bind": "tcp://127.0.0.1:0"}], "image": [{"unit": 5, "holding": 10}]}
