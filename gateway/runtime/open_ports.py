@@ -120,15 +120,17 @@ class OpenPorts:
         tasks = [self._tasks[part] for part in parts if part in self._tasks]
         for task in tasks:
             task.cancel()
-        with suppress(TimeoutError):  # a driver hangs; its port is closed with the process
-            async with asyncio.timeout(CLOSING_TIME):
-                await asyncio.gather(*tasks, return_exceptions=True)
-        now = asyncio.get_running_loop().time()
-        for part in parts:
-            if isinstance(part, GatewayLine):
-                self._left_behind.leave(place_of(part.plan.port), part.handed_on(now), now)
-            part.driver.close()
-            self._tasks.pop(part, None)
+        try:
+            with suppress(TimeoutError):  # a driver hangs; its port is closed when it returns
+                async with asyncio.timeout(CLOSING_TIME):
+                    await asyncio.gather(*tasks, return_exceptions=True)
+        finally:
+            now = asyncio.get_running_loop().time()
+            for part in parts:
+                if isinstance(part, GatewayLine):
+                    self._left_behind.leave(place_of(part.plan.port), part.handed_on(now), now)
+                part.driver.close()
+                self._tasks.pop(part, None)
 
     async def end_all(self) -> None:
         """Close all ports, for good."""

@@ -142,9 +142,11 @@ class Running:
         try:
             yield
         finally:
-            await self.ports.end_all()
-            for each in self.gateway.polling_units:
-                each.close()
+            try:
+                await self.ports.end_all()
+            finally:
+                for each in self.gateway.polling_units:
+                    each.close()
             await self.builder.custom.close()
 
     async def tried(self) -> None:
