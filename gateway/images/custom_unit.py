@@ -34,7 +34,8 @@ class CustomUnit:
         """Return another unit of the gateway, by number or name: see `Gateway.unit`.
 
         Raises:
-            UnknownUnit: there is none; or the gateway has not been started.
+            UnknownUnit: there is none.
+            RuntimeError: this one belongs to no gateway that has been started.
         """
         if self._find is None:
             raise RuntimeError("this unit belongs to no gateway that has been started")

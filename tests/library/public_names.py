@@ -16,6 +16,8 @@ from gateway import events
 
 #: What an event has for the parts of the gateway.
 _OF_PARTS = frozenset({"says", "begins", "ends", "of", "field_names"})
+#: Methods that a program calls by `async with`.
+_BY_SYNTAX = frozenset({"__aenter__", "__aexit__"})
 #: The decorators that change how a method is used.
 _KINDS = frozenset({"property", "classmethod", "staticmethod"})
 
@@ -71,7 +73,7 @@ def _signature(function: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
 
 
 def _is_public(name: str) -> bool:
-    return not name.startswith("_") and name not in _OF_PARTS
+    return name in _BY_SYNTAX or (not name.startswith("_") and name not in _OF_PARTS)
 
 
 if __name__ == "__main__":
