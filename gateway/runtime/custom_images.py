@@ -72,7 +72,7 @@ class CustomImages:
         if unit is None:
             there = self._thread.call_soon
             unit = self._made.pop((settings.unit, settings.python), None) or made(settings.python, self._folder)
-        unit._find = self._found  # noqa: SLF001 - what the gateway sets
+        object.__setattr__(unit, "_find", self._found)  # it may be a frozen dataclass
         turn = self._turns.get(id(unit), NOBODY_ELSE)
         driver = CustomDriver(settings, unit, self._loop, self._emit, self._ring, there, turn)
         self._drivers.append(driver)

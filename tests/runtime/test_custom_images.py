@@ -2,6 +2,7 @@
 
 import asyncio
 import sys
+from dataclasses import dataclass
 
 import pytest
 
@@ -91,6 +92,22 @@ async def test_what_the_program_gives_is_never_made(module, tmp_path):
     assert module not in sys.modules
     custom.find = {"meter": "found"}.get
     assert unit.unit("meter") == "found"
+
+
+@dataclass(frozen=True)
+class Frozen(CustomUnit):
+    """Nothing can be set, and it equals others."""
+
+    async def read(self, area, address, count):
+        return [self.unit(1)] * count
+
+
+async def test_a_frozen_dataclass_may_be_a_unit():
+    unit = Frozen()
+    custom = images(unit60=unit, unit61=Frozen())
+    image = custom.image(plan((60, "Own", "1 s")).images[0])
+    custom.find = {1: 7}.get
+    assert (await ask(image)).answers == ["03 02 00 07"]
 
 
 class Alone(CustomUnit):
