@@ -15,6 +15,7 @@ from gateway.control.server import control_open
 from gateway.events import Event
 from gateway.library.event_stream import EventStreams
 from gateway.library.life import Life
+from gateway.library.loading import load_libraries
 from gateway.library.log import log_event
 from gateway.library.reading_config import GivenConfig, Units, read_file, read_table, read_text
 from gateway.library.state import state_open
@@ -189,6 +190,7 @@ class Gateway:
             certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, plan.secured)
             warn_of_certificates(certificates, emit)
             contexts.adopt(certificates)
+        await load_libraries(plan)
         links = (config.file if plan.control is None else Path(plan.control)).parent
         running = Running(
             plan,
@@ -202,8 +204,8 @@ class Gateway:
         running.builder.custom.find = self.unit
         operator = Operator(running, self._reloader(running, ready, kept.folder), events=fan_out.last)
         pages = None
-        if plan.web is not None:  # only then is its library loaded
-            opening = await loop.run_in_executor(ThreadPerCall("load web"), import_module, "gateway.web.front.opening")
+        if plan.web is not None:
+            opening = import_module("gateway.web.front.opening")
             pages = opening.web_pages(plan.web, operator, fan_out, kept.folder)
         self._operator = operator
         try:

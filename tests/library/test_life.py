@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway import Gateway, LineDown, ListenError, NoResponse
+from gateway import Area, CustomUnit, Gateway, LineDown, ListenError, NoResponse
 from gateway.errors import RequestError
 from gateway.library.life import Life
 from gateway.runtime.draining import until
@@ -96,9 +96,17 @@ def everything(config: str, tmp_path: Path) -> str:
     return config + ALL_ELSE.format(folder=tmp_path) + listener()
 
 
+class Slow(CustomUnit):
+    """A unit that takes half a second, and for ever at address 1."""
+
+    async def read(self, area: Area, address: int, count: int) -> list[int]:
+        await asyncio.sleep(0.5 if address == 0 else 1e6)
+        return [0] * count
+
+
 async def live(config: str, *units: int) -> str:
     """Start a gateway, ask units of it, and stop it."""
-    async with Gateway.from_text(config) as gateway:
+    async with Gateway.from_text(config, units={60: Slow()}) as gateway:
         async with asyncio.TaskGroup() as group:
             for unit in units:
                 group.create_task(ask(gateway, unit))
@@ -146,7 +154,7 @@ def test_of_a_gateway_with_parts_of_each_kind_nothing_is_left(everything, every)
     def interfere(at: int) -> Act:
         return kinds[at // every % len(kinds)](at)
 
-    assert ends_of(partial(live, everything, 1, 3, 20, 240), interfere, every) == []
+    assert ends_of(partial(live, everything, 1, 3, 20, 60, 240), interfere, every) == []
 
 
 def test_without_an_end_of_its_context_it_ends_with_the_loop(everything):
@@ -225,14 +233,19 @@ def test_twenty_run_side_by_side(config):
 
 def test_requests_that_are_under_way_when_it_stops_get_an_error(config):
     async def leave() -> None:
-        async with Gateway.from_text(config) as gateway:
+        async with Gateway.from_text(config, units={60: Slow()}) as gateway:
             first = asyncio.create_task(gateway.unit(1).read_holding(0))
             second = asyncio.create_task(gateway.unit(1).read_holding(1))
+            made = asyncio.create_task(gateway.unit(60).read_holding(1))
+            waiting = asyncio.create_task(gateway.unit(60).read_holding(0))
             await asyncio.sleep(0.2)
         with pytest.raises(NoResponse):  # it was sent
             await first
         with pytest.raises(LineDown):
             await second
+        for each in (made, waiting):
+            with pytest.raises(RequestError):
+                await each
 
     found = run(leave())
     assert (found.outcome, found.left) == (None, [])

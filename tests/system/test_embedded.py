@@ -1,4 +1,4 @@
-"""A gateway inside a program: started and stopped many times, on any loop and in any thread, it leaves nothing behind."""
+"""A gateway inside a program: started and stopped many times, and in any thread, it leaves nothing behind."""
 
 import asyncio
 import faulthandler
@@ -7,20 +7,17 @@ import logging
 import os
 import resource
 import signal
-import socket
-import subprocess
 import sys
 import threading
 import warnings
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import gateway
 from gateway import Gateway, LineDown
 from gateway.modbus.rtu import encode
 from kit.free_port import free_port
@@ -172,7 +169,9 @@ SETTINGS: dict[str, Callable[[], Any]] = {
     "wake-up": lambda: signal.set_wakeup_fd(-1),
     "mask": lambda: signal.pthread_sigmask(signal.SIG_BLOCK, ()),
     "faulthandler": faulthandler.is_enabled,
-    "limits": lambda: [resource.getrlimit(each) for each in range(resource.RLIM_NLIMITS)],
+    "limits": lambda: {
+        each: resource.getrlimit(getattr(resource, each)) for each in dir(resource) if each.startswith("RLIMIT_")
+    },
     "warnings": lambda: warnings.filters[:],
     "logging": lambda: (logging.root.handlers[:], logging.root.level, logging.getLogger("gateway").handlers[:]),
     "factories": lambda: (logging.getLoggerClass(), logging.getLogRecordFactory(), logging.raiseExceptions),
