@@ -7,6 +7,7 @@ import logging
 import os
 import resource
 import signal
+import subprocess
 import sys
 import threading
 import warnings
@@ -199,9 +200,9 @@ def everything(port: VirtualPort, web: int) -> str:
     )
 
 
-async def visited(port: VirtualPort) -> None:
+async def visited(port: VirtualPort, web: int) -> None:
     """Run a gateway with everything once: its page answers, and so does its TLS listener."""
-    loop, web = asyncio.get_running_loop(), free_port()
+    loop = asyncio.get_running_loop()
     loop.add_reader(port.far_end, answer, port)
     try:
         async with Gateway.from_text(everything(port, web)) as gateway:
@@ -216,7 +217,7 @@ async def visited(port: VirtualPort) -> None:
 
 
 def test_settings_of_the_program_are_as_before(port):
-    asyncio.run(visited(port))
+    asyncio.run(visited(port, free_port()))
     before = {name: read() for name, read in SETTINGS.items()}
     during: dict[str, Any] = {}
 
@@ -231,3 +232,36 @@ def test_settings_of_the_program_are_as_before(port):
     assert {name: each for name, each in during.items() if name not in own} == {
         name: each for name, each in before.items() if name not in own
     }
+
+
+#: Runs a gateway with everything at the port and the address of the page that its arguments name.
+PROGRAM = """
+import asyncio, gc, sys
+from pathlib import Path
+sys.path[:0] = sys.argv[3:]
+from test_embedded import visited
+from kit.pty import VirtualPort
+with VirtualPort(Path(sys.argv[1])) as port:
+    asyncio.run(visited(port, int(sys.argv[2])), debug=True)
+gc.collect()
+"""
+
+
+def test_in_development_mode_python_has_no_complaint(tmp_path):
+    tests = Path(__file__).parents[1]
+    words = [
+        "-X",
+        "dev",
+        "-W",
+        "error",
+        "-c",
+        PROGRAM,
+        tmp_path / "port",
+        str(free_port()),
+        tests,
+        Path(__file__).parent,
+    ]
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    complaints = ("Warning", "never", "destroyed", "unclosed", "Traceback", "Exception ignored", "non-thread-safe")
+    assert [line for line in done.stderr.splitlines() if any(each in line for each in complaints)] == []
