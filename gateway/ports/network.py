@@ -12,8 +12,8 @@ AddressInfo = tuple[int, int, int, str, tuple[Any, ...]]
 #: Host, port number, socket type.
 _Query = tuple[str, int, socket.SocketKind]
 
-#: Look-ups in progress, including abandoned ones.
-_under_way: dict[_Query, asyncio.Future[list[AddressInfo]]] = {}
+#: Look-ups in progress, including abandoned ones, of each event loop.
+_under_way: dict[tuple[asyncio.AbstractEventLoop, _Query], asyncio.Future[list[AddressInfo]]] = {}
 
 
 async def look_up(host: str, port: int, kind: socket.SocketKind, deadline: float) -> list[AddressInfo]:
@@ -23,8 +23,8 @@ async def look_up(host: str, port: int, kind: socket.SocketKind, deadline: float
         OSError: the name is unknown, or no name server answers in time (`socket.EAI_AGAIN`).
         UnicodeError: the host name is invalid.
     """
-    query = (host, port, kind)
-    looking_up = _under_way.get(query) or _begin(query)
+    loop, query = asyncio.get_running_loop(), (host, port, kind)
+    looking_up = _under_way.get((loop, query)) or _begin(loop, query)
     try:
         async with asyncio.timeout(deadline):
             return await asyncio.shield(looking_up)
@@ -45,12 +45,15 @@ def notice_vanished_peers(sock: socket.socket, *, idle: int, interval: int, prob
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, user_timeout)
 
 
-def _begin(query: _Query) -> asyncio.Future[list[AddressInfo]]:
+def _begin(loop: asyncio.AbstractEventLoop, query: _Query) -> asyncio.Future[list[AddressInfo]]:
     """Look up in a new thread: a resolver that hangs cannot be stopped, and must not delay the end of the process."""
     thread = ThreadPerCall(f"look up {query[0]}")
-    looking_up = asyncio.get_running_loop().run_in_executor(thread, _addresses, query)
-    _under_way[query] = looking_up
-    looking_up.add_done_callback(partial(_done, query))
+    looking_up = loop.run_in_executor(thread, _addresses, query)
+    for each, asked in list(_under_way):
+        if each.is_closed():
+            _under_way.pop((each, asked), None)  # another thread may do the same
+    _under_way[loop, query] = looking_up
+    looking_up.add_done_callback(partial(_done, loop, query))
     return looking_up
 
 
@@ -59,7 +62,7 @@ def _addresses(query: _Query) -> list[AddressInfo]:
     return [*socket.getaddrinfo(host, port, type=kind)]
 
 
-def _done(query: _Query, looking_up: asyncio.Future[list[AddressInfo]]) -> None:
-    del _under_way[query]
+def _done(loop: asyncio.AbstractEventLoop, query: _Query, looking_up: asyncio.Future[list[AddressInfo]]) -> None:
+    del _under_way[loop, query]
     if not looking_up.cancelled():
         looking_up.exception()  # else asyncio logs it as an error that was never retrieved
