@@ -259,6 +259,21 @@ async def failing(after: float) -> None:
     raise ZeroDivisionError
 
 
+def test_a_defect_ends_its_body_and_nothing_is_left(everything, monkeypatch):
+    async def defect(*_: object) -> None:
+        await asyncio.sleep(1.0)
+        raise ZeroDivisionError
+
+    async def wait() -> None:
+        async with Gateway.from_text(everything):
+            await asyncio.Event().wait()
+
+    monkeypatch.setattr("gateway.runtime.fleet.add_on.Fleet.serve", defect)
+    found = run(wait())
+    assert isinstance(found.outcome, ZeroDivisionError)
+    assert found.left == []
+
+
 async def test_if_it_fails_its_body_is_cancelled_and_its_end_tells_why():
     life = Life(failing(1.0), Stop())
     with pytest.raises(asyncio.CancelledError) as cancelled:
