@@ -294,3 +294,25 @@ async def test_an_address_that_is_taken_only_now_ends_the_start_and_closes_all()
         await service.serving
     assert [doors.told[-1] for doors in service.doors] == ["close", "close"]
     assert not service.bench.lines["hall-a"].is_open
+
+
+async def test_cancelled_while_it_looks_up_names_it_leaves_no_task() -> None:
+    before = asyncio.all_tasks()
+    service = Service(FakeListener(found_in=14.0))
+    await asyncio.sleep(1.0)
+    service.serving.cancel()
+    await asyncio.wait((service.serving,))
+    assert asyncio.all_tasks() == before
+
+
+async def test_a_defect_in_what_runs_beside_is_told_and_all_else_goes_on() -> None:
+    service = Service()
+
+    async def defect(gateway: Callable) -> None:
+        raise RuntimeError("nobody foresaw this")
+
+    service.bench.running.recent.keep_sampling = defect
+    await asyncio.sleep(1.0)
+    assert [(told.part, "foresaw" in told.error) for told in service.told(PartFailed)] == [("recent", True)]
+    assert await service.client.asks(1, READ) in ("83 0B", "83 0A")
+    await service.stops_within()
