@@ -7,6 +7,7 @@ from gateway.devices.quirks import EveryQuirkyDevice, MovableDevice
 from gateway.lines.exchange import Exchange
 from gateway.lines.transaction import Transaction
 from gateway.state.memory import Memory
+from soak.noticing import is_noticed
 from soak.tally import Tally
 from soak.worlds.moving import play
 
@@ -31,7 +32,7 @@ async def test_it_notices_what_is_asked_while_a_move_or_a_late_answer_is_awaited
         return late.asked.function == other.asked.function and late.unit == other.device.unit
 
     monkeypatch.setattr(Exchange, "forbids", forbids_the_same)
-    assert (await played(seed=3)).wrong_count > 0
+    assert await is_noticed(played(seed=3))
 
 
 @pytest.mark.interpreted
@@ -45,7 +46,7 @@ async def test_it_notices_a_gateway_that_asks_where_the_config_says(monkeypatch)
             device.unit = device.settings.unit
 
     monkeypatch.setattr(MovableDevice, "_failed", try_configured)
-    assert (await played(transactions=4_000)).wrong_count > 0
+    assert await is_noticed(played(transactions=4_000))
 
 
 @pytest.mark.interpreted
@@ -54,10 +55,10 @@ async def test_it_notices_a_restart_that_forgets_an_unanswered_move(monkeypatch)
     monkeypatch.setattr(
         Memory, "remember", lambda memory, key, configured, now, *_: remember(memory, key, configured, now)
     )
-    assert (await played(transactions=2_000)).wrong_count > 0
+    assert await is_noticed(played(transactions=2_000))
 
 
 @pytest.mark.interpreted
 async def test_it_notices_a_broadcast_of_an_address(monkeypatch) -> None:
     monkeypatch.setattr(EveryQuirkyDevice, "check", EveryDevice.check)
-    assert (await played(transactions=2000)).wrong_count > 0
+    assert await is_noticed(played(transactions=2000))

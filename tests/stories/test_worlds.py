@@ -38,7 +38,8 @@ from gateway.runtime.gateway_line import GatewayLine
 from gateway.upstreams.connection import Connection
 from gateway.upstreams.in_flight import InFlight
 from gateway.upstreams.upstream import Upstream
-from soak.never_lies import run
+from soak.never_lies import WORLDS, run
+from soak.noticing import is_noticed
 
 Lie = Callable[[pytest.MonkeyPatch], None]
 
@@ -392,9 +393,9 @@ def a_reading_of_a_mirror_is_new(patch: pytest.MonkeyPatch) -> None:
         ("writers", an_equal_read_overtakes_its_clients_write),
     ],
 )
-def test_it_notices(world: str, lie: Lie, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_it_notices(world: str, lie: Lie, monkeypatch: pytest.MonkeyPatch) -> None:
     lie(monkeypatch)
     transactions = {"upstreams": 5000, "maps": 2000}.get(world, 1500)  # many servers, and many kinds of rows
     if lie is what_is_heard_is_as_old_as_its_answer:
         transactions = 8000  # it shows only where an answer came late
-    assert run(world, transactions, 0.2, seed=1).wrong_count > 0
+    assert await is_noticed(WORLDS[world](transactions, 0.2, 1))
