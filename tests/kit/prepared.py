@@ -122,6 +122,11 @@ class Preparation:
     def __exit__(self, *_: object) -> None:
         self._control.close()
 
+    @property
+    def command(self) -> list[str]:
+        """What does in a shell what `modbus-gateway` does."""
+        return [sys.executable, "-I", "-S", str(Path(__file__).with_name("prepared_command.py")), self._address[1:]]
+
     def start(
         self, words: Sequence[str], env: Mapping[str, str] | None = None, *, stdout: int = 1, stderr: int = 2
     ) -> PreparedProcess:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 
 from kit.free_port import free_port
-from kit.process import COMMAND, PATIENCE
+from kit.process import COMMAND, PATIENCE, preparations
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [
@@ -69,7 +69,8 @@ class Reader:
         self._left: list[subprocess.Popen[bytes]] = []
         program = folder / "bin" / "modbus-gateway"
         program.parent.mkdir()
-        program.write_text(f'#!/bin/sh\nexec {shlex.join(COMMAND)} "$@"\n')
+        command = preparations[-1].command if preparations else COMMAND
+        program.write_text(f'#!/bin/sh\nexec {shlex.join(command)} "$@"\n')
         program.chmod(0o755)
         own = {name: str(folder) for name in ("RUNTIME_DIRECTORY", "STATE_DIRECTORY")}
         self._env = {**os.environ, **own, "PATH": f"{program.parent}:{os.environ['PATH']}", "COLUMNS": "200"}
