@@ -1,7 +1,10 @@
 """A virtual serial port for tests: a pseudo-terminal behind a symlink, as udev makes one for an adapter."""
 
+import fcntl
 import os
 import select
+import sys
+import termios
 import tty
 from pathlib import Path
 from typing import Self
@@ -60,6 +63,12 @@ class VirtualPort:
     def write(self, data: bytes) -> None:
         """Devices say `data`."""
         assert os.write(self.far_end, data) == len(data)
+
+    @property
+    def unread(self) -> int:
+        """How many bytes of theirs the system has for the gateway, which has not read them."""
+        count = fcntl.ioctl(self._near_end, termios.FIONREAD, bytes(4))
+        return int.from_bytes(count, sys.byteorder)
 
     def read(self, size: int, timeout: float = PATIENCE) -> bytes:
         """What the gateway wrote: `size` bytes, or fewer once `timeout` seconds have passed without any."""

@@ -7,7 +7,7 @@ and, behind that, bytes from the line.
 import signal
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol, Self
@@ -89,12 +89,25 @@ def line_at(port: str, scheme: str = "tcp") -> str:
 def stopped(gateway: GatewayProcess) -> Iterator[None]:
     """The gateway stands still; what is sent to it meanwhile waits for it with the system."""
     gateway.signal(signal.SIGSTOP)
-    time.sleep(0.01)
+    until(lambda: Path(f"/proc/{gateway.pid}/stat").read_text().rpartition(") ")[2].startswith("T"))
     try:
         yield
     finally:
-        time.sleep(0.01)
         gateway.signal(signal.SIGCONT)
+
+
+def come(line: Devices, data: bytes) -> None:
+    """The devices say `data`, and the system has it for the gateway, which stands still; on a connection at once."""
+    line.write(data)
+    if isinstance(line, VirtualPort):
+        until(lambda: line.unread >= len(data))
+
+
+def until(is_so: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
 
 
 def wrong_answers(gateway: GatewayProcess, line: Devices) -> list[bytes]:
@@ -105,8 +118,7 @@ def wrong_answers(gateway: GatewayProcess, line: Devices) -> list[bytes]:
             time.sleep(0.05)
             with stopped(gateway):
                 client.sendall(mbap.encode(identifier, 1, READ))
-                time.sleep(0.01)
-                line.write(encode(1, STRAY))
+                come(line, encode(1, STRAY))
             assert line.read(len(encode(1, READ))) == encode(1, READ)
             time.sleep(0.05)
             line.write(encode(1, ANSWER))
@@ -134,9 +146,8 @@ def test_no_answer_goes_out_on_a_server_line_behind_the_next_request(tmp_path: P
                 panel.write(encode(1, READ))
                 assert line.read(len(encode(1, READ))) == encode(1, READ)
                 with stopped(gateway):
-                    line.write(encode(1, ANSWER))
-                    time.sleep(0.01)
-                    panel.write(encode(1, asked_again))
+                    come(line, encode(1, ANSWER))
+                    come(panel, encode(1, asked_again))
                 assert line.read(len(encode(1, asked_again))) == encode(1, asked_again)
                 line.write(encode(1, OTHER_ANSWER))
                 assert panel.read(len(encode(1, OTHER_ANSWER))) == encode(1, OTHER_ANSWER)
@@ -156,8 +167,7 @@ def test_no_answer_goes_to_an_rtu_client_behind_its_next_request(tmp_path: Path,
             assert line.read(len(encode(1, READ))) == encode(1, READ)
             time.sleep(0.5)  # requests within 50 ms of one another were sent together, if the machine is quick
             with stopped(gateway):
-                line.write(encode(1, ANSWER))
-                time.sleep(0.01)
+                come(line, encode(1, ANSWER))
                 client.sendall(encode(1, asked_again))
             heard = line.read(len(encode(1, asked_again)), timeout=5.0)
             if not heard:  # the gateway stood still before, too: then it answers neither of them
