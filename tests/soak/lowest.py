@@ -56,10 +56,10 @@ def main(tests: list[str]) -> int:
         python = f"{folder}/bin/python"
         pip = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--only-binary", ":all:"]
         pip += ["--no-compile"]
-        subprocess.run([*pip, "--no-deps", "--requirement", CHECKOUT / "deploy/requirements.txt"], check=True)
+        look_here_too(python)  # what is pinned there is installed again only where the oldest need another version
         subprocess.run([*pip, *wanted], check=True)
-        look_here_too(python)
         pytest = [python, "-m", "pytest", "--quiet", "--numprocesses", "auto", "--dist", "loadfile"]
+        pytest += ["-m", "not search"]  # many cases of ours, which meet no library in another way than a few
         own = os.environ | {"PYTHONPYCACHEPREFIX": str(Path(sys.prefix, "bytecode"))}
         own.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes start
         chosen = tests or (*TESTS, *REAL_TIME)

@@ -110,7 +110,7 @@ def test_a_commit_costs_the_disk_one_block(name: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("commits", "step"), [(0, 31), (3, 13), (FEW, 31), pytest.param(3, 1, marks=pytest.mark.search)]
+    ("commits", "step"), [(0, 31), (3, 13), (FEW, 31), pytest.param(3, 3, marks=pytest.mark.search)]
 )
 def test_any_byte_that_has_changed_is_told_and_nothing_is_lost(name: Path, commits: int, step: int) -> None:
     written = killed(name, FEW + commits)
