@@ -4,6 +4,7 @@ The code that reads and checks a config takes a third of the gateway's memory, a
 module is imported before almost everything else: the gateway loads the rest while its config is read.
 """
 
+import os
 import pickle
 import subprocess
 import sys
@@ -12,7 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from signal import SIG_BLOCK, SIG_SETMASK, Signals, pthread_sigmask
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from threading import Thread
+from typing import IO, TYPE_CHECKING, Any, Final, Protocol
 
 from gateway.config.problem import Problem, errors_in
 from gateway.errors import ConfigError
@@ -28,6 +30,8 @@ READING_TIME: Final = 60.0
 _ENDING_TIME: Final = 1.0
 #: The last line of its standard error goes to the log, up to this many characters.
 _MOST_SAID: Final = 200
+#: So many bytes of it are read at a time, and kept.
+_MOST_READ: Final = 65536
 
 #: What an answer raises that modules of the same version, but with other content, have made.
 _OF_OTHER_MODULES: Final = (pickle.UnpicklingError, EOFError, TypeError, AttributeError, ImportError, ValueError)
@@ -126,6 +130,7 @@ class Reading:
             raise ConfigError(f"{what} cannot be read: no process can be started for it: {error.strerror}") from None
         finally:
             pthread_sigmask(SIG_SETMASK, before)
+        self._said = _LastSaid(self._process)
 
     def result(self, limit: float, hint: str = "") -> Any:
         """Return its answer; wait for `limit` seconds at most, and one more for the process to end.
@@ -135,7 +140,7 @@ class Reading:
         """
         process = self._process
         try:
-            answer, said = process.communicate(self._given, timeout=limit)
+            answer, _ = process.communicate(self._given, timeout=limit)
         except subprocess.TimeoutExpired:
             raise ConfigError(f"{self._what}: cannot be read within {limit:g} s{hint}") from None
         finally:
@@ -144,17 +149,39 @@ class Reading:
                 process.stdin.close()
             with suppress(subprocess.TimeoutExpired):  # a file system hangs
                 process.communicate(timeout=_ENDING_TIME)
-        if process.returncode:
-            raise ConfigError(f"{self._what} was not read: {_explain(process.returncode, said)}")
+        if process.returncode or not answer:
+            raise ConfigError(f"{self._what} was not read: {_explain(process.returncode, self._said.line())}")
         try:
             return pickle.loads(answer)  # noqa: S301 - from our own process, through its pipe
         except _OF_OTHER_MODULES as error:
             raise ConfigError(f"{self._what} was not read: {_CHANGED} ({error!r})") from error
 
 
-def _explain(status: int, said: bytes) -> str:
+class _LastSaid:
+    """Reads what a process writes to its standard error: code that it imports may write without end."""
+
+    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+        """Take it from `process`, for which nobody else may read it."""
+        pipe, process.stderr = process.stderr, None
+        self._last = b""
+        self._reading = Thread(target=self._read, args=(pipe,), name="what reading says", daemon=True)
+        self._reading.start()
+
+    def line(self) -> str:
+        """Return the last line of a process that has ended. Programs that it has started may still write."""
+        self._reading.join(_ENDING_TIME)
+        return self._last.decode(errors="replace").strip().rpartition("\n")[2][:_MOST_SAID]
+
+    def _read(self, pipe: IO[bytes]) -> None:
+        with pipe:
+            while said := os.read(pipe.fileno(), _MOST_READ):
+                self._last = (self._last + said)[-_MOST_READ:]
+
+
+def _explain(status: int, last: str) -> str:
     if status < 0:
         names = {each.value: each.name for each in Signals}  # real-time signals have none
         return f"the process that reads it was ended by {names.get(-status, f'signal {-status}')}; is memory short?"
-    last = said.decode(errors="replace").strip().rpartition("\n")[2][:_MOST_SAID]
+    if not status:
+        return "the process that reads it has ended without an answer"
     return f"the process that reads it has failed with status {status}{last and f': {last}'}"

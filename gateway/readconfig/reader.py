@@ -43,6 +43,7 @@ def main() -> None:
     The answer is a ConfigRead, or a TextCheck.
     """
     file, kind = sys.argv[1:]
+    target = _answers_apart()
     signal.alarm(int(READING_TIME) + 1)  # ends this process if the disk hangs and the gateway is gone
     if kind == "text":
         from gateway.readconfig.text_reader import check_given_text  # noqa: PLC0415 - only needed for this
@@ -50,9 +51,20 @@ def main() -> None:
         answer = packed(check_given_text(Path(file), sys.stdin.buffer.read()))
     else:
         answer = packed(read_here(Path(file), look_around=kind == "look-around"))
-    sys.stdout.buffer.write(answer)
-    sys.stdout.flush()
+    with os.fdopen(target, "wb") as stream:
+        stream.write(answer)
     os._exit(0)  # to unload the modules would take a tenth of the time
+
+
+def _answers_apart() -> int:
+    """Return where answers go, and let all else that writes to stdout write to stderr: code of units, and what it runs.
+
+    Programs that it starts, and copies of this process, do not keep the answer open.
+    """
+    target = os.dup(sys.stdout.fileno())
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    os.register_at_fork(after_in_child=partial(os.close, target))
+    return target
 
 
 class _Pickler(pickle.Pickler):

@@ -42,7 +42,7 @@ def _made(python: str, folder: Path) -> CustomUnit:
     _changed_at.setdefault(file, _time_of(file))
     try:
         return unit()
-    except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever the code of others raises
+    except BaseException as error:  # noqa: BLE001 - whatever the code of others raises
         raise WrongValue(f"{python} cannot be made: {told(error)}") from None
 
 

@@ -275,10 +275,10 @@ class _Reader(PreparedProcess):
         self.stdin, self.stdout, self.stderr = None, os.fdopen(out, "rb"), os.fdopen(err, "rb")
 
     def communicate(self, _given: None = None, *, timeout: float) -> tuple[bytes, bytes]:
-        """All that it writes. `timeout` is in its own hands: it ends a second later."""
-        said = self.stdout.read(), self.stderr.read()
+        """All that it writes to stdout. `timeout` is in its own hands: it ends a second later."""
+        said = self.stdout.read()
         self.wait(timeout)
-        return said
+        return said, b""
 
 
 def _start_reader(words: Sequence[str], **how: Any) -> Any:

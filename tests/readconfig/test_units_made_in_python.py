@@ -1,10 +1,13 @@
 """Units made in Python in a config that is read by a process of its own."""
 
+import resource
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from gateway.errors import ConfigError
 from gateway.readconfig.process import read_config
 from gateway.readconfig.text_check import check_text
 
@@ -87,3 +90,64 @@ def test_code_that_all_users_may_change_is_warned_of(file):
             f"{file}:3:10: warning: image[0].python: all users may change {place}, and with it what the gateway does\n"
             f"  help: chmod o-w {place}"
         )
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "import os\nos.write(1, b'hello')",
+        "import subprocess\nsubprocess.run(['echo', 'hello'])",
+        "import os\nos.close(2)",
+        "import sys\nsys.stdout = sys.stderr = None",
+        "import os\nif os.fork() == 0:\n    __import__('time').sleep(5)\n    os._exit(0)",
+        "import subprocess\nsubprocess.Popen(['sleep', '5'])",
+        "import threading, time\nthreading.Thread(target=time.sleep, args=(5,)).start()",
+        "import os\nos.chdir('/')",
+    ],
+)
+def test_what_else_it_does_keeps_no_answer_from_coming_at_once(file, more):
+    write(file, f"{more}\n{CLOCK}")
+    started = time.monotonic()
+    assert read_config(file).errors == ()
+    assert time.monotonic() - started < 4.5
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("raise BaseException('no')", "clock_p:Clock cannot be used: BaseException: no"),
+        ("raise KeyboardInterrupt", "clock_p:Clock cannot be imported and made: KeyboardInterrupt"),
+        ("class E(Exception):\n    __str__ = None\nraise E", "clock_p cannot be imported: E: <exception str() failed>"),
+        ("def __getattr__(name):\n    raise ValueError(name)", "clock_p:Clock cannot be used: ValueError: Clock"),
+        ("import sys\nsys.modules[__name__] = 42", "clock_p:Clock cannot be used: TypeError: vars()"),
+        (f"{CLOCK}    read.__wrapped__ = read", "clock_p:Clock cannot be used: ValueError: wrapper loop"),
+    ],
+)
+def test_whatever_it_raises_is_an_error_in_its_line(file, text, said):
+    write(file, text)
+    [error] = read_config(file).errors
+    assert error.startswith(f"{file}:3:10: error: image[0].python: {said}")
+
+
+def test_a_class_may_have_a_second_base_that_does_not_say_what_it_takes(file):
+    write(file, CLOCK.replace("CustomUnit)", "CustomUnit, dict)"))
+    assert read_config(file).errors == ()
+
+
+def test_one_that_ends_the_process_is_not_taken_for_a_newer_gateway(file):
+    write(file, "import os\nos._exit(0)")
+    with pytest.raises(ConfigError, match="has ended without an answer"):
+        read_config(file)
+
+
+def test_prints_without_end_take_no_memory_here(file):
+    write(file, "import os\nfor _ in range(500):\n    os.write(2, b'x' * 10**6)\nraise SystemExit('enough')")
+    before = memory()
+    [error] = read_config(file).errors
+    assert "SystemExit: enough" in error
+    assert memory() - before < 100_000
+
+
+def memory() -> int:
+    """The most memory that this process has had, in KiB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -8,7 +8,7 @@ from contextlib import redirect_stdout
 from functools import partial
 from importlib import import_module, invalidate_caches
 from pathlib import Path
-from traceback import extract_tb
+from traceback import extract_tb, format_exception_only
 from types import ModuleType
 from typing import Final, TypeVar
 
@@ -50,7 +50,10 @@ def in_time(python: str, call: Callable[[], T]) -> T:
     if not done:
         what = f"{python} could not be imported and made within {IMPORT_TIME:g} s"
         raise WrongValue(what, "let it do later what takes long, in read and write")
-    return outcome.result()
+    try:
+        return outcome.result()
+    except KeyboardInterrupt as error:  # of the code: nobody interrupts a thread
+        raise WrongValue(f"{python} cannot be imported and made: {told(error)}") from None
 
 
 def find_class(python: str, folder: Path) -> type[CustomUnit]:
@@ -61,6 +64,15 @@ def find_class(python: str, folder: Path) -> type[CustomUnit]:
     Raises:
         WrongValue: there is no such class, or it cannot be a unit.
     """
+    try:
+        return _found(python, folder)
+    except (WrongValue, KeyboardInterrupt):
+        raise
+    except BaseException as error:  # noqa: BLE001 - even a look at the code of others runs it
+        raise WrongValue(f"{python} cannot be used: {told(error)}") from None
+
+
+def _found(python: str, folder: Path) -> type[CustomUnit]:
     module_name, _, name = python.partition(":")
     module = _imported(module_name, folder)
     found = getattr(module, name, None)
@@ -102,7 +114,8 @@ def _no_module(name: str, folder: Path) -> WrongValue:
 
 def told(error: BaseException) -> str:
     """Say in one line what code of others has raised, and where."""
-    said = f"{type(error).__name__}: {str(error)[:_MOST_SAID]}".rstrip(": ").replace("\n", r"\n")
+    text = format_exception_only(error)[-1].partition(": ")[2].rstrip("\n")
+    said = f"{type(error).__name__}: {text[:_MOST_SAID]}".rstrip(": ").replace("\n", r"\n")
     if isinstance(error, SyntaxError):
         return f"{type(error).__name__}: {error.msg} ({error.filename}, line {error.lineno})"
     ours = [each for each in extract_tb(error.__traceback__) if not each.filename.startswith("<")]
@@ -150,4 +163,6 @@ def _takes(called: object, *arguments: str) -> bool:
         inspect.signature(called).bind(*arguments)  # type: ignore[arg-type]
     except TypeError:
         return False
+    except ValueError:  # its __init__ is one of those in C that say nothing of what they take
+        return True
     return True
