@@ -14,13 +14,17 @@ ENDING_TIME: Final = 1.0
 
 
 class LoopThread:
-    """A thread named `name`, which is started by the first call, and carries out calls in its event loop."""
+    """A thread named `name`, which is started by the first call, and carries out calls in its event loop.
+
+    If what it carries out ends that loop, the next call starts another thread.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: Thread | None = None
         self._starting = Lock()
+        self._is_closed = False
 
     def call_soon(self, call: Callable[..., object], *arguments: Any) -> None:
         """Have the thread call `call`, from any thread. After `close` nothing is called.
@@ -29,7 +33,9 @@ class LoopThread:
             RuntimeError: no thread can be started.
         """
         with self._starting:
-            if self._loop is None:
+            if self._is_closed:
+                return
+            if self._loop is None or self._loop.is_closed():
                 loop = _Loop()
                 self._thread = Thread(target=_run, args=(loop,), name=self._name, daemon=True)
                 try:
@@ -46,6 +52,7 @@ class LoopThread:
 
         Python does not wait for it at its exit.
         """
+        self._is_closed = True
         if self._loop is None or self._thread is None:
             return True
         with suppress(RuntimeError):  # it is closed already

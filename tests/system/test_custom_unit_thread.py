@@ -247,3 +247,23 @@ async def test_after_its_end_a_thread_is_called_in_vain():
     assert await thread.close()
     thread.call_soon(called.clear)
     assert called.is_set()
+
+
+def stop_it() -> None:
+    asyncio.get_running_loop().stop()
+
+
+def interrupt_it() -> None:
+    raise KeyboardInterrupt
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize("end", [stop_it, interrupt_it])
+async def test_code_that_ends_the_loop_of_the_thread_gets_another_one(end):
+    thread, called = LoopThread("ended"), threading.Event()
+    thread.call_soon(end)
+    for ended in (each for each in threading.enumerate() if each.name == "ended"):
+        await asyncio.to_thread(ended.join, 5.0)
+    thread.call_soon(called.set)
+    assert await asyncio.to_thread(called.wait, 5.0)
+    assert await thread.close()
