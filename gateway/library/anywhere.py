@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from functools import wraps
+from functools import partial, wraps
 from typing import Any, Concatenate, Final, ParamSpec, Protocol, TypeVar
 
 P = ParamSpec("P")
@@ -27,24 +27,31 @@ def anywhere(
     async def from_anywhere(self: S, /, *args: P.args, **named: P.kwargs) -> T:
         if asyncio.get_running_loop() is self._loop:
             return await method(self, *args, **named)
-        return await _over(method(self, *args, **named), self._loop)
+        return await _over(partial(method, self, *args, **named), self._loop)
 
     return from_anywhere
 
 
-async def _over(work: Coroutine[Any, Any, T], loop: asyncio.AbstractEventLoop) -> T:
-    """Carry out `work` in another loop.
+async def _over(begin: Callable[[], Coroutine[Any, Any, T]], loop: asyncio.AbstractEventLoop) -> T:
+    """Carry out in another loop what `begin` begins there. What is cancelled before that loop comes to it never begins.
 
     Raises:
         RuntimeError: the loop does not run, or has ended meanwhile.
     """
     if not loop.is_running():
-        work.close()
         raise RuntimeError(_STOPPED)
-    future = asyncio.run_coroutine_threadsafe(work, loop)
+    is_given_up = False
+
+    async def unless_given_up() -> T:
+        if is_given_up:
+            raise asyncio.CancelledError
+        return await begin()
+
+    future = asyncio.run_coroutine_threadsafe(unless_given_up(), loop)
     try:
         return await asyncio.wrap_future(future)
     except asyncio.CancelledError:
+        is_given_up = True
         task = asyncio.current_task()
         if task is not None and task.cancelling():
             raise

@@ -178,3 +178,31 @@ def test_events_are_followed_in_another_loop(other: InThread) -> None:
             assert (event.client, event.result) == ("embedded", "ok")
 
     run(ask)
+
+
+def test_what_is_given_up_before_the_gateway_comes_to_it_is_never_sent(device: SlowDevice) -> None:
+    device.delay = 0.0
+
+    def give_up() -> None:
+        async def write() -> None:
+            with pytest.raises(TimeoutError):
+                async with asyncio.timeout(0.1):
+                    await silo.write_holding(0, [99])
+
+        run(write)
+
+    async def block() -> None:
+        async with gateway:
+            nonlocal silo
+            silo = gateway.unit("silo")
+            assert await silo.read_holding(0) == [0]
+            thread = threading.Thread(target=give_up)
+            thread.start()
+            thread.join(PATIENCE)  # and the loop of the gateway stands still
+            await asyncio.sleep(0.2)
+            assert await silo.read_holding(1) == [0]
+
+    gateway = Gateway.from_text(CONFIG.format(port=device.port))
+    silo: UnitClient
+    run(block)
+    assert [frame.pdu[0] for frame in device.heard] == [3, 3]
