@@ -4,6 +4,7 @@
 - life            the task of such a gateway
 - reading_config, state    its config, and what it keeps in a folder
 - loading         libraries of what a config uses
+- belonging       the units of a program, in one gateway at a time
 - unit_client     a unit, to be read and written
 - addresses       addresses and values, checked before anything is sent
 - reading, sampled    the value of a point, and when it was sampled

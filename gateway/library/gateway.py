@@ -13,6 +13,7 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.config.machine.file_text import folder_of
 from gateway.control.server import control_open
 from gateway.events import Event
+from gateway.library.belonging import belonging
 from gateway.library.event_stream import EventStreams
 from gateway.library.life import Life
 from gateway.library.loading import load_libraries
@@ -148,7 +149,7 @@ class Gateway:
             ListenError: an address cannot be used.
             StateError: another gateway uses the folder `state`, or a later version has written what is in it.
             TlsError: a certificate or a key cannot be used.
-            RuntimeError: it was started before.
+            RuntimeError: it was started before, or one of its `units` belongs to another gateway that runs.
         """
         if self._life is not None:
             raise RuntimeError("a gateway runs once: make another one")
@@ -176,7 +177,7 @@ class Gateway:
 
     async def _run(self, ready: "_Ready", stop: Stop) -> None:
         """Run until `stop`, as the daemon does."""
-        with closing(self._events):
+        with closing(self._events), belonging(self._units, self.unit):
             fan_out = FanOut(self._events.emit)
             async with state_open(self._state, self._config.plan, fan_out.emit, stop) as kept:
                 await self._run_with(kept, fan_out, ready, stop)
