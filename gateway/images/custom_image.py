@@ -238,6 +238,14 @@ class CustomImage(Image):
             rest = round(self.breaker.rest_left(now), 1)
             self._emit(RestBegins("", self.settings.unit, self.name, rest, self.settings.source))
 
+    def _finish(self, request: Request, outcome: bytes | RequestError, now: float) -> None:
+        try:
+            super()._finish(request, outcome, now)
+        except BaseException:
+            if not request.is_over:
+                request.fail(DeviceFailure())
+            raise
+
     def _drop_unwanted(self, now: float) -> None:
         unwanted = [turn for turn in self._waiting if not turn.request.origin.wants(turn.request)]
         for turn in unwanted:

@@ -142,7 +142,7 @@ class _Failures:
         if now < self._next:
             self._others += 1
         else:
-            traceback = "" if isinstance(error, _WrongValues) else "".join(format_exception(error))
+            traceback = "" if isinstance(error, _WrongValues) else _encodable("".join(format_exception(error)))
             self._emit(CustomUnitFailed(self._unit, self._name, text, traceback, self._others or None))
             self._next, self._others = now + LOGGED_EVERY, 0
         return DeviceFailure(f"{self._name} has failed: {text}")
@@ -198,6 +198,7 @@ async def carry_out(unit: CustomUnit, call: Call) -> Outcome:
             return b""
         return _items(span, await unit.read(span.area, span.start, span.count))
     except RequestError as error:
+        str(error).encode()  # where it is told later, nothing is raised any more
         code = getattr(error, "code", None)  # a class may have none
         if isinstance(code, int) and 0 < code <= MOST_CODE:
             return error.with_traceback(None)
@@ -231,7 +232,12 @@ def _items(span: Span, values: Any) -> bytes:
 def _text(error: BaseException) -> str:
     """Name an error and say what it says, in one line."""
     text = str(error) if isinstance(error, _WrongValues) else "".join(format_exception_only(error))
-    return " ".join(text.split())[:_MOST_TEXT]
+    return _encodable(" ".join(text.split())[:_MOST_TEXT])
+
+
+def _encodable(text: str) -> str:
+    """Write what no file and no message could have, halves of surrogate pairs, as Python does."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def _call_in(loop: asyncio.AbstractEventLoop, call: Callable[..., object], *arguments: Any) -> None:

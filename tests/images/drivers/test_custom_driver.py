@@ -149,6 +149,30 @@ async def test_any_other_error_is_04_and_an_event_with_its_traceback(error):
     assert await bench.asks("03 0000 0001") == "83 04"  # and it goes on
 
 
+class MuteRefusal(Refused):
+    """An exception response that cannot be shown."""
+
+    def __str__(self) -> str:
+        raise OSError("mute")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (MuteRefusal(), "OSError: mute"),
+        (Refused("\ud800"), "UnicodeEncodeError"),
+        (OSError("\ud800"), r"OSError: \ud800"),
+    ],
+)
+async def test_an_error_that_cannot_be_told_is_04_and_told_in_words_that_can(error, said):
+    bench = Bench(Returns(error))
+    assert await bench.asks("03 0000 0001") == "83 04"
+    (event,) = bench.failures()
+    assert said in event.error
+    assert f"{event.error} {event.traceback}".encode()
+    assert not [each for each in bench.events if isinstance(each, PartFailed)]
+
+
 async def test_a_method_that_is_no_coroutine_is_04():
     unit = CustomUnit()
     unit.read = lambda area, address, count: [0] * count
@@ -280,6 +304,16 @@ async def test_a_defect_in_the_image_is_told_and_ends_only_its_request(monkeypat
         assert await bench.asks("03 0003 0001") == "83 04"
     assert [type(event) for event in bench.events] == [PartFailed]
     assert await bench.asks("03 0003 0001") == "03 02 00 03"
+
+
+@pytest.mark.interpreted
+async def test_nor_does_a_defect_in_its_answer_leave_a_client_waiting(monkeypatch):
+    bench = Bench(Returns(IllegalValue("no")))
+    with monkeypatch.context() as patched:
+        patched.setattr(bench.driver.image, "_tell", lambda *_: 1 / 0)
+        assert await bench.asks("03 0003 0001") == "83 04"
+    assert [type(event) for event in bench.events] == [PartFailed]
+    assert await bench.asks("03 0003 0001") == "83 03"
 
 
 async def test_calls_leave_no_references_behind():
