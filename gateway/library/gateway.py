@@ -25,6 +25,7 @@ from gateway.observe.event_file import events_kept
 from gateway.observe.fan_out import FanOut
 from gateway.operator.operator import Operator
 from gateway.ports.opener import make_opener
+from gateway.runtime.custom_images import units_made
 from gateway.runtime.kept_state import KeptState
 from gateway.runtime.reload import Reloader, tell_loaded, warn_of_certificates
 from gateway.runtime.running import Running
@@ -146,6 +147,7 @@ class Gateway:
         If the gateway fails later, by a defect, the body of the context is cancelled, and its end raises the error.
 
         Raises:
+            ConfigError: a unit made in Python cannot be made.
             ListenError: an address cannot be used.
             StateError: another gateway uses the folder `state`, or a later version has written what is in it.
             TlsError: a certificate or a key cannot be used.
@@ -192,6 +194,9 @@ class Gateway:
             warn_of_certificates(certificates, emit)
             contexts.adopt(certificates)
         await load_libraries(plan)
+        folder = folder_of(config.file)
+        making = ThreadPerCall("make units")
+        made = await loop.run_in_executor(making, units_made, plan.images, self._units, folder)
         links = (config.file if plan.control is None else Path(plan.control)).parent
         running = Running(
             plan,
@@ -200,7 +205,8 @@ class Gateway:
             kept,
             contexts=contexts,
             units=self._units,
-            folder=folder_of(config.file),
+            folder=folder,
+            made=made,
         )
         running.builder.custom.find = self.unit
         operator = Operator(running, self._reloader(running, ready, kept.folder), events=fan_out.last)

@@ -1,7 +1,7 @@
 """The units made in Python of a running gateway: their objects, and where their calls are carried out."""
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,6 +19,19 @@ from gateway.trace.ring import Ring
 #: How long the loop waits for what a thread that has ended has told it, in seconds.
 _LAST_WORDS: Final = 0.05
 
+#: Units made of the classes that the config names, by unit and class.
+MadeUnits = dict[tuple[int, str], CustomUnit]
+
+
+def units_made(images: Iterable[ImageSettings], given: Container[int], folder: Path) -> MadeUnits:
+    """Make the units that the program has not `given`. Blocks, as the code of their authors may.
+
+    Raises:
+        ConfigError: a class cannot be used.
+    """
+    wanted = (one for one in images if one.python and one.unit not in given)
+    return {(one.unit, one.python): made(one.python, folder) for one in wanted}
+
 
 class CustomImages:
     """Makes the images of units made in Python, and ends them.
@@ -35,7 +48,9 @@ class CustomImages:
         ring: Ring,
         given: Mapping[int, CustomUnit] | None = None,
         folder: Path | None = None,
+        first: MadeUnits | None = None,
     ) -> None:
+        """`first` are those that were made before, by `units_made`."""
         #: Finds a unit of the gateway for `CustomUnit.unit`; set before the first request by what can ask units.
         self.find: Callable[[int | str], Any] | None = None
         self._loop = loop
@@ -46,8 +61,8 @@ class CustomImages:
         self._turns = {id(unit): asyncio.Lock() for unit in self._given.values()}
         self._folder = folder or Path()
         self._thread = LoopThread("custom units")
-        #: Those made by `prepare`.
-        self._made: dict[tuple[int, str], CustomUnit] = {}
+        #: Those that were made and have no image yet.
+        self._made = first or {}
         self._drivers: list[CustomDriver] = []
 
     def prepare(self, plan: Plan, before: Plan) -> None:
@@ -56,14 +71,11 @@ class CustomImages:
         Raises:
             ConfigError: a class cannot be used.
         """
-        self._made = {
-            (one.unit, one.python): made(one.python, self._folder)
-            for one in plan.images
-            if one.python and one.unit not in self._given and one not in before.images
-        }
+        new = (one for one in plan.images if one not in before.images)
+        self._made = units_made(new, self._given, self._folder)
 
     def image(self, settings: ImageSettings) -> CustomImage:
-        """Make the image of a unit, of what `prepare` has made if it was called.
+        """Make the image of a unit, of what was made for it if it was.
 
         Raises:
             ConfigError: as `prepare`.

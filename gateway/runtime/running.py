@@ -22,7 +22,7 @@ from gateway.routing.router import NamingRouter
 from gateway.runtime.add_on import AddOn
 from gateway.runtime.add_ons import AddOns
 from gateway.runtime.build import Builder
-from gateway.runtime.custom_images import CustomImages
+from gateway.runtime.custom_images import CustomImages, MadeUnits
 from gateway.runtime.draining import until
 from gateway.runtime.gateway import Driver, Gateway, Listener
 from gateway.runtime.kept_state import KeptState
@@ -45,7 +45,7 @@ class Running:
 
     `opener` opens ports, `kept` is the state that outlives the process, `sockets` are those that were bound before the
     process started. `units` are made by the program, by the number that clients use; modules with others may lie in
-    `folder`.
+    `folder`, and `made` are those of them that were made before.
     """
 
     def __init__(
@@ -59,6 +59,7 @@ class Running:
         sockets: OpenSockets | None = None,
         units: Mapping[int, CustomUnit] | None = None,
         folder: Path | None = None,
+        made: MadeUnits | None = None,
     ) -> None:
         loop, kept = asyncio.get_running_loop(), kept or KeptState()
         self.emit = emit
@@ -81,7 +82,7 @@ class Running:
             open_site=self.add_ons.fleet.opener,
             buckets=self.add_ons.fleet.bucket,
             pollers=pollers,
-            custom=CustomImages(loop, emit, self.ring, units, folder),
+            custom=CustomImages(loop, emit, self.ring, units, folder, made),
         )
         #: The address of the web page, or why there is none though the config has one.
         self.page = ""
@@ -147,7 +148,7 @@ class Running:
             finally:
                 for each in self.gateway.polling_units:
                     each.close()
-            await self.builder.custom.close()
+                await self.builder.custom.close()
 
     async def tried(self) -> None:
         """Wait as `settled` does, then start the polls of mirrors and virtual units."""

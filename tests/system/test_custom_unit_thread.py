@@ -2,13 +2,14 @@
 
 import asyncio
 import random
+import sys
 import threading
 import time
 from contextlib import asynccontextmanager
 
 import pytest
 
-from gateway import Busy, CustomUnit, Gateway, NoResponse, Refused
+from gateway import Busy, ConfigError, CustomUnit, Gateway, NoResponse, Refused
 from gateway.clock.loop_thread import LoopThread
 from gateway.events import CustomUnitsLeft
 from gateway.images.drivers.custom_driver import CustomDriver
@@ -121,6 +122,42 @@ async def test_they_are_called_in_one_thread_and_those_of_the_program_in_its_loo
         assert await gateway.unit("asks").read_holding(7) == [8]
         assert threads() == ["custom units"]
     assert threads() == []
+
+
+MADE = """
+import threading
+from gateway import CustomUnit
+
+turned = threading.Event()
+
+class Zeros(CustomUnit):
+    async def read(self, area, address, count):
+        return [0] * count
+
+class Waits(Zeros):
+    def __init__(self):
+        if not turned.wait(5.0):
+            raise TimeoutError("the loop of the program stood still")
+
+class Broken(Zeros):
+    def __init__(self):
+        raise OSError("no sensor")
+"""
+
+
+@pytest.mark.parametrize("name", ["Waits", "Broken"])
+async def test_they_are_made_while_the_loop_of_the_program_goes_on(name, tmp_path, monkeypatch):
+    module = f"made_{name}_{tmp_path.name}".replace("-", "_")
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / f"{module}.py").write_text(MADE)
+    gateway = Gateway.from_text(CONFIG + row(60, "made", f"{module}:{name}", SHORT), folder=tmp_path)
+    asyncio.get_running_loop().call_later(0.05, sys.modules[module].turned.set)
+    if name == "Broken":
+        with pytest.raises(ConfigError, match=r"Broken cannot be made: OSError: no sensor"):
+            await gateway.__aenter__()
+    else:
+        async with gateway:
+            assert await gateway.unit(60).read_holding(0) == [0]
 
 
 async def test_one_that_blocks_holds_up_only_its_neighbours_and_these_get_their_answer_in_time(config):
