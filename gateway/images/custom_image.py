@@ -117,7 +117,10 @@ class CustomImage(Image):
         turn = self._present
         if turn is None:
             return
+        is_written = turn.has_effect and turn.asked.read is not None  # function 23
         turn.has_effect = True
+        if is_written and not isinstance(outcome, bytes):
+            outcome = DeviceFailure(f"it was written, and not read: {outcome}")  # 02 or 06 would deny that
         if turn.is_answered:
             self._present, self._hangs_since = None, None
         elif isinstance(outcome, bytes):

@@ -4,7 +4,7 @@ from collections import deque
 
 import pytest
 
-from gateway.errors import DeviceFailure, IllegalAddress
+from gateway.errors import Busy, DeviceFailure, IllegalAddress, LineDown
 from gateway.events import Event, RequestRefused, RequestTimeout, UnitRecovered, UnitResting
 from gateway.images.custom_calls import Call
 from gateway.images.custom_image import MOST_WAITING, CustomImage
@@ -289,6 +289,14 @@ def test_an_error_of_the_unit_is_its_answer(error, answer):
 
 def test_an_error_of_the_first_call_is_the_end_of_the_request():
     assert Stage().asks("17 0003 0001 0005 0001 02 0009", IllegalAddress()) == ([holding(5, 1, 9)], "97 02")
+
+
+@pytest.mark.parametrize("error", [IllegalAddress("no"), Busy("not now"), LineDown("down"), DeviceFailure("broken")])
+def test_an_error_after_a_write_does_not_say_that_nothing_was_written(error):
+    stage = Stage()
+    calls = [holding(5, 1, 9), holding(3)]
+    assert stage.asks("17 0003 0001 0005 0001 02 0009", "", error) == (calls, "97 04")
+    assert stage.events[0].why == f"it was written, and not read: {error}"
 
 
 def fail(stage: Stage, times: int) -> None:
