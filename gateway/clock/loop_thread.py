@@ -2,13 +2,18 @@
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from contextlib import suppress
-from threading import Lock, Thread
-from typing import Any, Final
+from threading import BoundedSemaphore, Lock, Thread
+from typing import Any, Final, ParamSpec, TypeVar
 
 from gateway.clock.threads import ThreadPerCall
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
+#: How many threads what it carries out may have at once, by `asyncio.to_thread`.
+MOST_THREADS: Final = 64
 #: How long the thread may take to end, in seconds.
 ENDING_TIME: Final = 1.0
 
@@ -62,14 +67,42 @@ class LoopThread:
         return not self._thread.is_alive()
 
 
+class _Threads(ThreadPerCall):
+    """At most MOST_THREADS at once: what hangs for good, again and again, must not take all that the process has."""
+
+    def __init__(self) -> None:
+        super().__init__("asyncio")
+        self._free: Final = BoundedSemaphore(MOST_THREADS)
+
+    def submit(self, call: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Start `call` now.
+
+        Raises:
+            RuntimeError: so many have not ended yet, or no thread can be started.
+        """
+        if not self._free.acquire(blocking=False):
+            raise RuntimeError(f"{MOST_THREADS} calls of asyncio.to_thread have not ended yet")
+        try:
+            outcome = super().submit(call, *args, **kwargs)
+        except BaseException:
+            self._free.release()
+            raise
+        outcome.add_done_callback(lambda _: self._free.release())
+        return outcome
+
+
 class _Loop(asyncio.SelectorEventLoop):
     """An event loop whose usual executor has no threads that Python would wait for at its exit."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._threads: Final = _Threads()
 
     def run_in_executor(  # type: ignore[override]  # mypy knows no *args of the kind that its stub has
         self, executor: Executor | None, func: Callable[..., Any], *args: Any
     ) -> asyncio.Future[Any]:
         """Run `func` in a thread."""
-        return super().run_in_executor(executor or ThreadPerCall("asyncio"), func, *args)
+        return super().run_in_executor(executor or self._threads, func, *args)
 
 
 def _run(loop: asyncio.AbstractEventLoop) -> None:

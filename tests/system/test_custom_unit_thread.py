@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from gateway import Busy, ConfigError, CustomUnit, Gateway, NoResponse, Refused
-from gateway.clock.loop_thread import LoopThread
+from gateway.clock.loop_thread import MOST_THREADS, LoopThread
 from gateway.events import CustomUnitsLeft
 from gateway.images.drivers.custom_driver import CustomDriver
 from gateway.images.image import ImageSettings
@@ -274,6 +274,25 @@ async def test_a_thread_that_was_never_needed_is_never_started():
     thread = LoopThread("unused")
     assert await thread.close()
     assert "unused" not in [each.name for each in threading.enumerate()]
+
+
+async def test_what_hangs_in_threads_takes_no_more_than_so_many():
+    thread, done, ended = LoopThread("hangs"), threading.Event(), threading.Event()
+    outcomes: list[object] = []
+
+    async def hang() -> None:
+        calls = (asyncio.to_thread(done.wait, 10.0) for _ in range(MOST_THREADS + 2))
+        asyncio.get_running_loop().call_later(0.3, done.set)
+        outcomes.extend(await asyncio.gather(*calls, return_exceptions=True))
+        outcomes.append(await asyncio.to_thread(done.wait, 10.0))
+        ended.set()
+
+    tasks = []
+    thread.call_soon(lambda: tasks.append(asyncio.ensure_future(hang())))
+    assert await asyncio.to_thread(ended.wait, 10.0)
+    assert await thread.close()
+    assert outcomes[:MOST_THREADS] + outcomes[-1:] == [True] * (MOST_THREADS + 1)
+    assert [str(each) for each in outcomes[MOST_THREADS:-1]] == ["64 calls of asyncio.to_thread have not ended yet"] * 2
 
 
 async def test_after_its_end_a_thread_is_called_in_vain():
