@@ -66,9 +66,18 @@ class EventStream(AsyncIterator[Event]):
         return self
 
     async def __anext__(self) -> Event:
+        """Return the next event.
+
+        Raises:
+            RuntimeError: another reader waits for it.
+        """
         while not self._waiting:
+            if self._waiter is not None and not self._waiter.done():
+                raise RuntimeError("a stream of events is for one reader: open one for each, by gateway.events()")
             waiter = self._waiter = asyncio.get_running_loop().create_future()
-            if not self._waiting:  # none came before there was somebody to wake
+            if self._waiting:  # some came before there was somebody to wake
+                self._waiter = None
+            else:
                 await waiter
         event = self._waiting.popleft()
         if event is None:

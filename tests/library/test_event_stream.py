@@ -52,6 +52,20 @@ async def test_each_stream_has_all_events_and_waits_for_them(streams):
     assert await asyncio.gather(*readers) == [[loss(0), loss(1), loss(2)]] * 3
 
 
+async def test_a_second_reader_of_one_stream_is_told_so_and_one_after_the_other_is_none(streams):
+    stream = streams.open()
+    first = asyncio.create_task(anext(stream))
+    await asyncio.sleep(1)
+    with pytest.raises(RuntimeError, match="open one for each"):
+        await anext(stream)
+    first.cancel()
+    await asyncio.sleep(1)
+    second = asyncio.create_task(anext(stream))
+    await asyncio.sleep(1)
+    streams.emit(loss(1))
+    assert await second == loss(1)
+
+
 async def test_a_stream_that_was_read_to_its_end_stays_so_as_one_opened_later_is(streams):
     stream = streams.open()
     streams.close()
