@@ -11,7 +11,7 @@ from gateway.config.checks.embedding import Embedding
 from gateway.config.load import Loaded, load, load_table, load_text
 from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.machine.file_text import folder_of
-from gateway.config.machine.unit_class import find_class
+from gateway.config.machine.unit_class import find_class, wrong_methods
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, WrongValue
 from gateway.config.resolve import resolve
@@ -147,4 +147,6 @@ def _embedding(units: Units, *, has_state: bool) -> Embedding:
             raise TypeError(f"units[{number}] is the class {unit.__name__}: write {unit.__name__}()")
         if not isinstance(unit, CustomUnit):
             raise TypeError(f"units[{number}] is {unit!r:.60}, and no CustomUnit")
+        for what, remedy in wrong_methods(unit):
+            raise TypeError(f"units[{number}]: {type(unit).__name__} {what}: {remedy}")
     return Embedding({number: type(unit).__name__ for number, unit in units.items()}, has_state=has_state)

@@ -18,8 +18,25 @@ BY_CONFIG = (
 )
 
 
+READ = "write async def read(self, area, address, count)"
+
+
 class Clock(CustomUnit):
     """Any unit."""
+
+
+class Plain(CustomUnit):
+    """One that nobody can await."""
+
+    def read(self, area, address, count):
+        return [area, address][:count]
+
+
+class Short(CustomUnit):
+    """One that does not ask for the area."""
+
+    async def read(self, address, count):
+        return [address] * count
 
 
 def images(text, units):
@@ -96,6 +113,8 @@ def test_a_number_that_no_client_can_use_is_an_error(number):
         ({"60": Clock()}, "units['60']: the number of a unit is an int"),
         ({True: Clock()}, "units[True]: the number of a unit is an int"),
         ({60.0: Clock()}, "units[60.0]: the number of a unit is an int"),
+        ({60: Plain()}, f"units[60]: Plain has a read that is not async: {READ}"),
+        ({60: Short()}, f"units[60]: Short has a read with other parameters, (address, count): {READ}"),
         ([Clock()], "units: write a dict such as {60: Clock()}, not list"),
     ],
 )

@@ -149,12 +149,17 @@ def _wrong_in(unit: type[CustomUnit]) -> Iterator[tuple[str, str]]:
         yield f"needs arguments, {inspect.signature(unit)}", "give them defaults: it is made without arguments"
     if unit.read is CustomUnit.read and unit.write is CustomUnit.write:
         yield "has neither read nor write", "write async def read(self, area, address, count)"
+    yield from wrong_methods(unit, "self")
+
+
+def wrong_methods(unit: CustomUnit | type[CustomUnit], *first: str) -> Iterator[tuple[str, str]]:
+    """Find what is wrong with `read` and `write`, and what to do; those of a class take `first` before all else."""
     for name, parameters in _PARAMETERS.items():
         method = getattr(unit, name)
         head = f"write async def {name}(self, {', '.join(parameters)})"
         if not inspect.iscoroutinefunction(inspect.unwrap(method)):
             yield f"has a {name} that is not async", head
-        elif not _takes(method, "self", *parameters):
+        elif not _takes(method, *first, *parameters):
             yield f"has a {name} with other parameters, {inspect.signature(method)}", head
 
 
