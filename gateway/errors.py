@@ -78,7 +78,7 @@ class GatewayError(Exception):
 class RequestError(GatewayError):
     """Why a request gets an exception response instead of data."""
 
-    #: Of the exception response, 1-255; the known ones are in ExceptionCode.
+    #: Of the exception response, 1-255.
     code: int
     #: The result of the request in status and metrics.
     result: ClassVar[str] = "refused"
@@ -175,7 +175,7 @@ class LineDown(RequestError):
 
 
 class NoResponse(RequestError):
-    """The request was sent and no valid response came; the device may have acted."""
+    """No valid response came; the device may have acted, unless the message says that the request was not sent."""
 
     code = ExceptionCode.GATEWAY_TARGET_FAILED_TO_RESPOND
 
@@ -272,7 +272,7 @@ class FleetError(GatewayError):
 
 
 class StateError(GatewayError):
-    """A file in the state directory cannot be read; the message names it, and what to do."""
+    """The state directory is in use, or a file in it cannot be read; the message names it, and what to do."""
 
 
 class ConfigError(GatewayError):

@@ -66,6 +66,8 @@ def test_words_leave_out_what_is_empty_and_keep_zero():
     diagnosis = events.WriteAudit("scada", "all", 41, 8, None, None, "exception", "01", 4.0, device="press")
     assert diagnosis.in_words() == "scada wrote to press, unit 41 with function 8: exception 01"
     assert events.LineUp("hall", "/dev/hall").in_words() == "line hall is up: /dev/hall is open"
+    refused = events.RequestRefused("embedded", 60, 3, "02", "")
+    assert refused.in_words() == "embedded asked unit 60 with function 3, and got 02"
 
 
 def test_words_have_values_as_they_are():

@@ -84,7 +84,7 @@ class RequestRefused(Event):
     If there is no such unit, `listener` tells where it is missing; else `device` is its name.
     """
 
-    says = "{client} asked[ {device},] unit {unit} with function {function}, and got {code}: {why}"
+    says = "{client} asked[ {device},] unit {unit} with function {function}, and got {code}[: {why}]"
     client: str
     unit: int
     function: int

@@ -47,7 +47,7 @@ def span_to_write(unit: UnitPicture, area: Area, address: int, values: Sequence[
 def _span(unit: UnitPicture, area: Area, address: int, count: int) -> tuple[Span, int]:
     span = Span(area, index(address), index(count))
     if span.count < 1:
-        raise ValueError(f"{unit.name}: {count} of {area}: at least one")
+        raise ValueError(f"{unit.name}: {count} of {area}: a request has one at least")
     if span.start < 0 or span.end > _LAST_ADDRESS + 1:
         raise ValueError(f"{unit.name}: {count} of {area} from {address} on: addresses are 0 to {_LAST_ADDRESS}")
     width = width_at(unit.wide, span) if unit.wide else REGISTER

@@ -147,7 +147,7 @@ class Gateway:
         If the gateway fails later, by a defect, the body of the context is cancelled, and its end raises the error.
 
         Raises:
-            ConfigError: a unit made in Python cannot be made.
+            ConfigError: a unit made in Python that the config names cannot be made.
             ListenError: an address cannot be used.
             StateError: another gateway uses the folder `state`, or a later version has written what is in it.
             TlsError: a certificate or a key cannot be used.

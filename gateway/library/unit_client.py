@@ -171,7 +171,7 @@ class UnitClient:
         unit = self._unit(operator)
         points = [_to_read(unit, name) for name in dict.fromkeys(names)] if names else readable(unit)
         if not points:
-            raise UnknownUnit(f"{unit.name} has no points to read: its profile gives names to registers")
+            raise UnknownUnit(f"{unit.name} has no points to read: a profile would give its registers names")
         sampled = Sampled(operator.gateway, unit.key, _ASKER)
         steps = reading(points, unit.read_rules, _holes(operator, unit) if len(points) > 1 else Holes())
         outcome = await self._carried_out(steps, ask_for(operator, unit.key, _ASKER, sampled.origin))

@@ -147,7 +147,8 @@ def find_unit(plan: Plan, wanted: object) -> int:
         raise WrongQuestion('"unit" must be a number from 0 to 255, or a name')
     key = next((each.key for each in _units(plan) if each.name == wanted), None)
     if key is None:
-        remedy = did_you_mean(wanted, (each.name for each in _units(plan)))
+        number = f"a number is written without quotes: {wanted}" if wanted.isdecimal() else ""
+        remedy = number or did_you_mean(wanted, (each.name for each in _units(plan)))
         raise WrongQuestion(f'nothing has the name "{wanted}"' + (f"; {remedy}" if remedy else ""))
     return key
 

@@ -116,10 +116,10 @@ async def test_registers_of_four_bytes_are_whole_numbers_too(bench):
     [
         (lambda press: press.read_holding(0, 126), "press: one request reads at most 125 of holding, not 126"),
         (lambda press: press.read_coils(0, 2001), "press: one request reads at most 2000 of coils, not 2001"),
-        (lambda press: press.read_holding(0, 0), "press: 0 of holding: at least one"),
+        (lambda press: press.read_holding(0, 0), "press: 0 of holding: a request has one at least"),
         (lambda press: press.read_input(65530, 7), "press: 7 of input from 65530 on: addresses are 0 to 65535"),
         (lambda press: press.read_discrete(-1), "press: 1 of discrete from -1 on: addresses are 0 to 65535"),
-        (lambda press: press.write_holding(0, []), "press: 0 of holding: at least one"),
+        (lambda press: press.write_holding(0, []), "press: 0 of holding: a request has one at least"),
         (lambda press: press.write_holding(0, [0] * 124), "press: one request writes at most 123 of holding, not 124"),
         (lambda press: press.write_holding(0, [1, 65536]), "65536 does not fit into holding: whole numbers from 0 to"),
         (lambda press: press.write_holding(0, [-1]), "-1 does not fit into holding: whole numbers from 0 to 65535"),
@@ -152,6 +152,8 @@ async def test_what_the_config_does_not_have_is_unknown(bench):
         unit_of(bench, "pres")
     with pytest.raises(UnknownUnit, match="there is no unit 47"):
         unit_of(bench, 47)
+    with pytest.raises(UnknownUnit, match='nothing has the name "46"; a number is written without quotes: 46'):
+        unit_of(bench, "46")
     for point in unit_of(bench, "press").read("sped"), unit_of(bench, "press").write("sped", 1):
         with pytest.raises(UnknownUnit, match='press has no point "sped"; did you mean "speed"'):
             await point
