@@ -60,7 +60,7 @@ class _NotingBuilder:
     """It tells of each gateway that it builds."""
 
     def __init__(self, builder: Builder, note: Callable[[Gateway], None]) -> None:
-        self.prepare = builder.prepare
+        self.prepare, self.custom = builder.prepare, builder.custom
         self._builder = builder
         self._note = note
 
