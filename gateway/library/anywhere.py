@@ -9,6 +9,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 _STOPPED: Final = "the gateway has stopped"
+_STANDS_STILL: Final = "the event loop that the gateway was started in does not run: await this in that loop"
 
 
 class _HasLoop(Protocol):
@@ -39,7 +40,7 @@ async def _over(begin: Callable[[], Coroutine[Any, Any, T]], loop: asyncio.Abstr
         RuntimeError: the loop does not run, or has ended meanwhile.
     """
     if not loop.is_running():
-        raise RuntimeError(_STOPPED)
+        raise RuntimeError(_STOPPED if loop.is_closed() else _STANDS_STILL)
     is_given_up = False
 
     async def unless_given_up() -> T:
