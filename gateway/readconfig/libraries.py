@@ -1,7 +1,9 @@
 """Libraries that only some tables of the config need. Each table has an extra of the package with its name."""
 
+import sys
 from collections.abc import Mapping
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Final
 
 from gateway.version import __version__
@@ -21,4 +23,6 @@ def missing_library(extra: str) -> str | None:
 def not_installed(module: str | None, extra: str) -> str:
     """Say that a module of an extra is missing, and how to install it."""
     wheel = f"./dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]"
-    return f"{module} is not installed: the wheel was installed without [{extra}]; pipx install --force '{wheel}'"
+    environment = Path(sys.prefix)  # of pipx, or of the program that the gateway is a part of
+    command = "pipx install --force" if "pipx" in environment.parts else f"{environment / 'bin' / 'pip'} install"
+    return f"{module} is not installed: the wheel was installed without [{extra}]; {command} '{wheel}'"

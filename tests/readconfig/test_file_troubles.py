@@ -177,10 +177,18 @@ def not_as_root():
         os.seteuid(user)
 
 
-def test_what_installs_a_missing_library_needs_nothing_that_is_not_published():
+@pytest.mark.parametrize(
+    ("environment", "command"),
+    [
+        ("/home/anna/.local/share/pipx/venvs/mbgw", "pipx install --force"),
+        ("/srv/plant/venv", "/srv/plant/venv/bin/pip install"),
+    ],
+)
+def test_what_installs_a_missing_library_needs_nothing_that_is_not_published(environment, command, monkeypatch):
+    monkeypatch.setattr("sys.prefix", environment)
     assert not_installed("aiohttp", "web") == (
         "aiohttp is not installed: the wheel was installed without [web]; "
-        f"pipx install --force './dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]'"
+        f"{command} './dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]'"
     )
 
 
