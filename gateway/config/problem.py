@@ -35,14 +35,14 @@ class NotText(WrongValue):
 class Problem:
     """One thing that is wrong, or deserves a second look, at `path`.
 
-    `on_key`: the key itself is wrong, not its value. `located` fills in `file`, `line` and `column` (0 if the file has
-    no text), and `name`, the name of the table at the beginning of `path`.
+    It is in `file` at `line` and `column`, both 0 if there is no text, in the table `name` at the beginning of `path`.
     """
 
     severity: Severity
     path: Path
     what: str
     remedy: str = ""
+    #: Whether the key itself is wrong, not its value.
     on_key: bool = False
     file: str = ""
     line: int = 1

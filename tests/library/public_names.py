@@ -14,8 +14,8 @@ from pathlib import Path
 import gateway
 from gateway import events
 
-#: What an event has for the parts of the gateway.
-_OF_PARTS = frozenset({"says", "begins", "ends", "of", "field_names"})
+#: What an event, or a problem, has for the parts of the gateway.
+_OF_PARTS = frozenset({"says", "begins", "ends", "of", "field_names", "on_key", "located"})
 #: Methods that a program calls by `async with`.
 _BY_SYNTAX = frozenset({"__aenter__", "__aexit__"})
 #: The decorators that change how a method is used.
