@@ -179,6 +179,21 @@ def test_a_client_that_asks_again_as_it_is_answered_has_no_second_call_at_once()
     assert client.answers == ["03 02 00 01"] * 3
 
 
+def test_nor_do_many_that_are_refused_at_once_nest():
+    stage = Stage()
+
+    class Eager(Asker):
+        def answer(self, request, pdu):
+            super().answer(request, pdu)
+            if len(self.answers) < 3000:
+                stage.ask(self, "03 0001 0001")
+
+    fail(stage, 3)
+    client = Eager()
+    stage.ask(client, "03 0001 0001")
+    assert client.answers == ["83 0B"] * 3000
+
+
 def test_diagnostics_of_a_client_wait_for_its_requests():
     stage, client = Stage(), Asker()
     stage.ask(client, "06 0001 0001")

@@ -306,6 +306,32 @@ async def test_a_defect_in_the_image_is_told_and_ends_only_its_request(monkeypat
     assert await bench.asks("03 0003 0001") == "03 02 00 03"
 
 
+class Late(CustomUnit):
+    """Returns after its cancellation, as if there had been none."""
+
+    def __init__(self) -> None:
+        self.cancelled: list[int] = []
+
+    async def read(self, area, address, count):
+        try:
+            await asyncio.sleep(0.3)
+        except asyncio.CancelledError:
+            self.cancelled.append(address)
+            await asyncio.sleep(0.1)
+        return [address] * count
+
+
+async def test_a_call_that_ends_after_a_defect_is_no_answer_to_the_next_request():
+    unit = Late()
+    bench = Bench(unit)
+    first = bench.ask("03 0001 0001")
+    await asyncio.sleep(0.1)
+    bench.driver._run(lambda _: 1 / 0)
+    assert first.answers == ["83 04"]
+    assert await bench.asks("03 0002 0001") == "03 02 00 02"
+    assert (first.answers, unit.cancelled) == (["83 04"], [1])
+
+
 @pytest.mark.interpreted
 async def test_nor_does_a_defect_in_its_answer_leave_a_client_waiting(monkeypatch):
     bench = Bench(Returns(IllegalValue("no")))
