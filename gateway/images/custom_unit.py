@@ -2,13 +2,16 @@
 # ruff: noqa: ARG002 - what subclasses get
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from gateway.errors import IllegalFunction
 from gateway.modbus.codes import Area
 
 if TYPE_CHECKING:
     from gateway.library.unit_client import UnitClient
+
+#: The attribute by which a unit finds others.
+FIND: Final = "_CustomUnit__find"
 
 
 class CustomUnit:
@@ -19,8 +22,8 @@ class CustomUnit:
     another `RequestError` for the exception that it stands for; any other error is 04 for the client, and is logged.
     """
 
-    #: Set by the gateway before the first request.
-    _find: "Callable[[int | str], Any] | None" = None
+    #: Finds units of its gateway. Set before the first request, as FIND; subclasses may have a `_find` of their own.
+    __find: "Callable[[int | str], Any] | None" = None
 
     async def read(self, area: Area, address: int, count: int) -> Sequence[int]:
         """Return `count` values from `address` on: registers as 0-65535, coils and discrete inputs as 0 or 1."""
@@ -37,7 +40,7 @@ class CustomUnit:
             UnknownUnit: there is none.
             RuntimeError: this one belongs to no gateway that has been started.
         """
-        if self._find is None:
+        if self.__find is None:
             raise RuntimeError("this unit belongs to no gateway that has been started")
-        client: UnitClient = self._find(unit)
+        client: UnitClient = self.__find(unit)
         return client

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from gateway.images.custom_unit import CustomUnit
+from gateway.images.custom_unit import FIND, CustomUnit
 
 
 @contextmanager
@@ -18,10 +18,10 @@ def belonging(units: Mapping[int, CustomUnit], find: Callable[[int | str], Any])
     try:
         for number, unit in units.items():
             # in one step: the other gateway may be started in another thread
-            if vars(unit).setdefault("_find", find) != find:
+            if vars(unit).setdefault(FIND, find) != find:
                 raise RuntimeError(f"units[{number}] belongs to another gateway that runs: make one for each")
             taken.append(unit)
         yield
     finally:
         for unit in taken:
-            vars(unit).pop("_find", None)
+            vars(unit).pop(FIND, None)

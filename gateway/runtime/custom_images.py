@@ -9,7 +9,7 @@ from gateway.clock.loop_thread import ENDING_TIME, LoopThread
 from gateway.config.plan.settings import Plan
 from gateway.events import CustomUnitsLeft, Emit
 from gateway.images.custom_image import CustomImage
-from gateway.images.custom_unit import CustomUnit
+from gateway.images.custom_unit import FIND, CustomUnit
 from gateway.images.drivers.custom_driver import NOBODY_ELSE, CustomDriver
 from gateway.images.image import Image, ImageSettings
 from gateway.runtime.custom_units import made
@@ -84,7 +84,7 @@ class CustomImages:
         if unit is None:
             there = self._thread.call_soon
             unit = self._made.pop((settings.unit, settings.python), None) or made(settings.python, self._folder)
-        object.__setattr__(unit, "_find", self._found)  # it may be a frozen dataclass
+        object.__setattr__(unit, FIND, self._found)  # it may be a frozen dataclass
         turn = self._turns.get(id(unit), NOBODY_ELSE)
         driver = CustomDriver(settings, unit, self._loop, self._emit, self._ring, there, turn)
         self._drivers.append(driver)

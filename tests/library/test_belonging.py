@@ -1,5 +1,9 @@
 """A unit of a program belongs to one gateway at a time: what it asks is a unit of that one."""
 
+import asyncio
+import gc
+from weakref import ref
+
 import pytest
 
 from gateway import CustomUnit, Gateway, ListenError, UnknownUnit
@@ -37,6 +41,35 @@ async def test_a_unit_that_two_gateways_have_does_not_answer_with_what_the_other
         assert await second.unit(60).read_holding(0) == [222]
     with pytest.raises(RuntimeError, match="belongs to no gateway"):
         relay.unit("shift")
+
+
+async def test_a_unit_may_have_attributes_of_any_name():
+    class Finds(Relay):
+        find = "x"
+
+        def _find(self, name):
+            return self.unit(name)
+
+        async def read(self, area, address, count):
+            return await self._find("shift").read_holding(address, count)
+
+    unit = Finds()
+    unit._unit = unit._gateway = None
+    async with Gateway.from_text(CONFIG, units={60: unit}) as gateway:
+        assert await gateway.unit(60).read_holding(0) == [0]
+
+
+async def test_a_unit_that_is_kept_does_not_keep_a_gateway_that_has_stopped():
+    relay = Relay()
+    gateway = Gateway.from_text(CONFIG, units={60: relay})
+    async with gateway:
+        assert await gateway.unit(60).read_holding(0) == [0]
+    kept = ref(gateway)
+    del gateway
+    await asyncio.sleep(1)
+    gc.collect()
+    assert kept() is None
+    assert vars(relay) == {}
 
 
 async def test_a_start_that_fails_gives_its_units_back():
