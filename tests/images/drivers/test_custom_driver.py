@@ -122,6 +122,27 @@ async def test_an_exception_that_the_unit_names_is_its_answer(error, answer):
     assert bench.failures() == []
 
 
+async def test_one_error_that_is_raised_again_and_again_keeps_nothing_of_the_calls():
+    error = IllegalValue("no")
+    bench = Bench(Returns(error))
+    for _ in range(3):
+        assert await bench.asks("03 0000 0001") == "83 03"
+    assert error.__traceback__ is None
+
+
+async def test_what_is_written_is_a_list_of_numbers():
+    unit, taken = CustomUnit(), []
+
+    async def write(area, address, values):
+        taken.append((area, address, values))
+
+    unit.write = write
+    bench = Bench(unit)
+    assert await bench.asks("06 0007 0102") == "06 00 07 01 02"
+    assert await bench.asks("0F 0003 0003 01 05") == "0F 00 03 00 03"
+    assert taken == [(Area.HOLDING, 7, [0x0102]), (Area.COILS, 3, [1, 0, 1])]
+
+
 @pytest.mark.parametrize("code", [0, 256, "x"])
 async def test_an_exception_code_that_there_is_not_is_04_and_said(code):
     bench = Bench(Returns(Refused("odd", code)))
