@@ -15,7 +15,7 @@ from gateway.control.server import control_open
 from gateway.events import Event
 from gateway.library.belonging import belonging
 from gateway.library.event_stream import EventStreams
-from gateway.library.life import Life
+from gateway.library.life import Life, unless
 from gateway.library.loading import load_libraries
 from gateway.library.log import log_event
 from gateway.library.reading_config import GivenConfig, Units, read_file, read_table, read_text
@@ -190,13 +190,14 @@ class Gateway:
         contexts = TlsStore()
         tell_loaded(config.place, plan, config.problems, emit)
         if plan.secured:
-            certificates = await loop.run_in_executor(ThreadPerCall("read certificates"), load_all, plan.secured)
+            reading = loop.run_in_executor(ThreadPerCall("read certificates"), load_all, plan.secured)
+            certificates = await unless(stop, reading)
             warn_of_certificates(certificates, emit)
             contexts.adopt(certificates)
         await load_libraries(plan)
         folder = folder_of(config.file)
-        making = ThreadPerCall("make units")
-        made = await loop.run_in_executor(making, units_made, plan.images, self._units, folder)
+        making = loop.run_in_executor(ThreadPerCall("make units"), units_made, plan.images, self._units, folder)
+        made = await unless(stop, making)
         links = (config.file if plan.control is None else Path(plan.control)).parent
         running = Running(
             plan,

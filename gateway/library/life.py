@@ -3,9 +3,11 @@
 import asyncio
 from collections.abc import Coroutine
 from contextlib import suppress
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from gateway.service.supervisor import Stop
+
+T = TypeVar("T")
 
 
 class Life:
@@ -55,3 +57,18 @@ class Life:
         if not self._stop.reason and not self._owner.done():
             self._is_told = not task.cancelled()
             self._owner.cancel("the gateway has failed")
+
+
+async def unless(stop: Stop, work: asyncio.Future[T]) -> T:
+    """Wait for what a thread does for the start, but no longer once there is the order to `stop`: it may never end.
+
+    Raises:
+        CancelledError: the order came.
+    """
+    ordered = asyncio.create_task(stop.wait(), name="stop")
+    try:
+        await asyncio.wait((work, ordered), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        ordered.cancel()
+        work.cancel()
+    return await work

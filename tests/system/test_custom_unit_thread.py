@@ -160,6 +160,19 @@ async def test_they_are_made_while_the_loop_of_the_program_goes_on(name, tmp_pat
             assert await gateway.unit(60).read_holding(0) == [0]
 
 
+async def test_a_start_that_is_given_up_does_not_wait_until_they_are_made(tmp_path, monkeypatch):
+    module = f"waits_{tmp_path.name}".replace("-", "_")
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / f"{module}.py").write_text(MADE)
+    gateway = Gateway.from_text(CONFIG + row(60, "made", f"{module}:Waits", SHORT), folder=tmp_path)
+    began = time.monotonic()
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.1), gateway:
+            pass
+    assert time.monotonic() - began < 4.0
+    sys.modules[module].turned.set()
+
+
 async def test_one_that_blocks_holds_up_only_its_neighbours_and_these_get_their_answer_in_time(config):
     async with Gateway.from_toml(config, units={60: Own()}) as gateway, latest() as late:
         started = time.monotonic()
