@@ -146,16 +146,16 @@ python = "units_of_test:{kind}"
             on_line.append(takes(gateway, 41))
         blocked.join()
         assert [answer for answer, _ in answers] == ["830b", "8306", "8306"]
-        assert 0.9 < answers[0][1] < 1.9
+        assert 0.9 < answers[0][1] < 10  # and not 60: the machine may be busy
         gateway.first(RESTS)
         assert {answer for answer, _ in on_line} == {right}
-        assert max(elapsed for _, elapsed in on_line) < 1.0
+        assert max(elapsed for _, elapsed in on_line) < 5
         signs = [at for at in systemd if at > began]
         assert len(signs) >= 2
-        assert max(later - one for one, later in pairwise(signs)) < 2.5
+        assert max(later - one for one, later in pairwise(signs)) < 5
         began = time.monotonic()
         assert gateway.stop() == 0
-        assert time.monotonic() - began < 4.0
+        assert time.monotonic() - began < 10
 
 
 def test_one_that_reads_two_others_of_the_gateway(tmp_path: Path) -> None:
