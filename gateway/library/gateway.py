@@ -17,7 +17,7 @@ from gateway.library.belonging import belonging
 from gateway.library.event_stream import EventStreams
 from gateway.library.life import Life, unless
 from gateway.library.loading import load_libraries
-from gateway.library.log import log_event
+from gateway.library.log import EventLog
 from gateway.library.reading_config import GivenConfig, Units, read_file, read_table, read_text
 from gateway.library.state import state_open
 from gateway.library.unit_client import UnitClient
@@ -61,7 +61,7 @@ class Gateway:
         self._config = config
         self._units = dict(units or {})
         self._state = None if state is None else Path(state).absolute()
-        self._events = EventStreams(log_event)
+        self._events = EventStreams(EventLog().emit)
         self._life: Life | None = None
         self._operator: Operator | None = None
 

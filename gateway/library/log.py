@@ -1,14 +1,37 @@
 """Hands events to Python's logging, as any library does: the program decides what becomes of them."""
 
 import logging
+from threading import RLock
 from typing import Final
 
 from gateway.events import Event
+from gateway.observe.backlog import entry_of
+from gateway.observe.limits import Limits
 
 _LOGGER: Final = logging.getLogger("gateway")
 
 
-def log_event(event: Event) -> None:
-    """Log an event in words, with its fields as `extra`, to the logger `gateway`."""
-    if _LOGGER.isEnabledFor(event.level):
-        _LOGGER.log(event.level, "%s", event.in_words() or event, extra={"event": event})
+class EventLog:
+    """Logs events in words to the logger `gateway`, each as `extra`; about the same thing as often as the daemon does.
+
+    How many more there were is logged with the next event, once it is due. Any thread may `emit`.
+    """
+
+    def __init__(self) -> None:
+        self._limits = Limits()
+        # Reentrant: a handler of the program may cause an event.
+        self._lock = RLock()
+
+    def emit(self, event: Event) -> None:
+        """Log an event, or count it."""
+        if not _LOGGER.isEnabledFor(event.level):
+            return
+        entry = entry_of(event)
+        with self._lock:
+            counts = list(self._limits.counts(entry.at))
+            is_admitted = self._limits.admit(entry)
+        for count in counts:
+            about = ", ".join(f"{key} {value}" for key, value in count.fields.items() if key != "suppressed")
+            _LOGGER.log(count.level, "%s (%s): %d more", count.name, about, count.events)
+        if is_admitted:
+            _LOGGER.log(event.level, "%s", event.in_words() or event, extra={"event": event})

@@ -7,7 +7,7 @@ from queue import SimpleQueue
 from threading import RLock
 from typing import Final
 
-from gateway.events import EventsDropped
+from gateway.events import Event, EventsDropped, Level, WriteAudit
 
 #: The most waiting entries. Entries that clients cannot cause at will may exceed it, so that a flood of others cannot
 #: displace the audit of a write.
@@ -33,6 +33,14 @@ class Entry:
     write_audits: int = 0
     at: float = field(default_factory=time.monotonic)
     clock: float = field(default_factory=time.time)
+
+
+def entry_of(event: Event) -> Entry:
+    """Make the entry of an event."""
+    audits = int(isinstance(event, WriteAudit))
+    # Errors are rare, and each write must be audited; but any client can cause refused writes.
+    limited = not event.was_sent if isinstance(event, WriteAudit) else event.level < Level.ERROR
+    return Entry(event.level, event.name, event.fields(), limited, write_audits=audits)
 
 
 @dataclass(slots=True)

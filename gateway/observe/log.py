@@ -9,8 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
-from gateway.events import Emit, Event, Level, WriteAudit
-from gateway.observe.backlog import Backlog, Entry
+from gateway.events import Emit, Event, Level
+from gateway.observe.backlog import Backlog, Entry, entry_of
 from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
 from gateway.observe.printable import printable
 from gateway.observe.writer import StandardError, Stream, Writer
@@ -38,7 +38,7 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
 
     def emit(event: Event) -> None:
         if event.level >= least:
-            backlog.add(_entry(event))
+            backlog.add(entry_of(event))
 
     root = logging.getLogger()
     before = root.handlers
@@ -59,13 +59,6 @@ def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], obj
     stream = StandardError() if stream is None else stream
     render = _as_json if log_format == "json" else _make_console_renderer(stream)
     return lambda entry: stream.write(render(entry))
-
-
-def _entry(event: Event) -> Entry:
-    audits = int(isinstance(event, WriteAudit))
-    # Errors are rare, and each write must be audited; but any client can cause refused writes.
-    limited = not event.was_sent if isinstance(event, WriteAudit) else event.level < Level.ERROR
-    return Entry(event.level, event.name, event.fields(), limited, write_audits=audits)
 
 
 class _FromLibraries(logging.Handler):

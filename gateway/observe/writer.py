@@ -9,19 +9,14 @@ from queue import Empty
 from threading import Thread
 from typing import Final, Protocol
 
-from gateway.events import AccessDenied, ClientRejected, QueueFull, RequestRefused, WriteAudit
 from gateway.observe.backlog import MOST_WITH_RESERVE, Backlog, Entry, Missing
-from gateway.observe.limiter import Limiter, Subject, subject_of
+from gateway.observe.limits import Limits
 
 #: How long stopping waits for the log to be written, in seconds.
 CLOSING_PATIENCE: Final = 0.5
 #: While clients cause more events than are written, the thread looks at them once in this many seconds. Waking it for
 #: each of them would take more of the event loop's time than the event itself.
 PAUSE: Final = 0.02
-#: Events that clients can cause in any number from any number of addresses, because datagrams can be forged. Without
-#: refused writes: those of one client must not be hidden by others.
-CAUSED_BY_CLIENTS: Final = frozenset({AccessDenied.name, ClientRejected.name, QueueFull.name, RequestRefused.name})
-MOST_CAUSED: Final = 50
 
 
 class Stream(Protocol):
@@ -55,24 +50,16 @@ class StandardError:
 
 
 class Writer:
-    """Writes the entries of `backlog` with `write`, each subject as often as its limiter allows.
+    """Writes the entries of `backlog` with `write`, as often as `Limits` allow. `write` may block.
 
-    Each event in CAUSED_BY_CLIENTS has at most MOST_CAUSED lines in ten seconds, counts included.
-    `write` may block. Entries that it cannot write (OSError, ValueError) are dropped and counted; the count is written
-    as soon as possible, before the next entry.
+    Entries that it cannot write (OSError, ValueError) are dropped and counted; the count is written as soon as
+    possible, before the next entry.
     """
 
     def __init__(self, backlog: Backlog, write: Callable[[Entry], object]) -> None:
         self._backlog = backlog
         self._write_one = write
-        self._usual = Limiter()
-        # Limits for events that clients can cause at will. Refused writes are logged however many clients are rejected.
-        self._of_refusals = {
-            ClientRejected.name: Limiter(lines=1, seconds=10.0),
-            WriteAudit.name: Limiter(lines=1, seconds=10.0, steady=inf),
-        }
-        self._in_total = Limiter(lines=MOST_CAUSED, seconds=10.0, steady=inf)
-        self._limiters = (self._usual, *self._of_refusals.values(), self._in_total)
+        self._limits = Limits()
         self._missing = Missing()
         # A daemon thread: a blocked write must not keep the process from exiting.
         self._thread = Thread(target=self._run, name="log", daemon=True)
@@ -88,7 +75,7 @@ class Writer:
         for entry in iter(self._take, None):
             self._backlog.add_note()
             self._write_counts(entry.at)
-            if self._admits(entry):
+            if self._limits.admit(entry):
                 self._write(entry)
             elif self._backlog.empty():
                 time.sleep(PAUSE)
@@ -103,26 +90,12 @@ class Writer:
                 self._write_counts(time.monotonic())
 
     def _until_next_count(self) -> float | None:
-        due = [each.next_due for each in self._limiters if each.next_due is not None]
-        return max(0.0, min(due) - time.monotonic()) if due else None
-
-    def _admits(self, entry: Entry) -> bool:
-        if not entry.is_limited:
-            return True
-        limiter = self._of_refusals.get(entry.name, self._usual)
-        subject = subject_of(entry.level, entry.name, entry.fields)
-        return limiter.admits(subject, entry.at) and self._admits_in_total(subject, entry.at)
-
-    def _admits_in_total(self, subject: Subject, now: float, events: int = 1) -> bool:
-        if subject.name not in CAUSED_BY_CLIENTS:
-            return True
-        return self._in_total.admits(Subject(subject.level, subject.name), now, events)
+        due = self._limits.next_due
+        return None if due is None else max(0.0, due - time.monotonic())
 
     def _write_counts(self, now: float) -> None:
-        for limiter in self._limiters:
-            for subject, count in limiter.due(now):
-                if limiter is self._in_total or self._admits_in_total(subject, time.monotonic(), count):
-                    self._write(_count(subject, count))
+        for count in self._limits.counts(now):
+            self._write(count)
 
     def _write(self, entry: Entry) -> None:
         try:
@@ -132,9 +105,3 @@ class Writer:
             self._write_one(entry)
         except (OSError, ValueError):
             self._missing.add(entry)
-
-
-def _count(subject: Subject, count: int) -> Entry:
-    fields = {**dict(subject.key), "suppressed": count}
-    audits = count if subject.name == WriteAudit.name else 0
-    return Entry(subject.level, subject.name, fields, events=count, write_audits=audits)

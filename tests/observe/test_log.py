@@ -25,8 +25,8 @@ from gateway.events import (
 from gateway.lines.counts import RESULTS
 from gateway.observe.backlog import MOST_WAITING, MOST_WITH_RESERVE
 from gateway.observe.limiter import Limiter
+from gateway.observe.limits import MOST_CAUSED
 from gateway.observe.log import open_log
-from gateway.observe.writer import MOST_CAUSED
 
 LOST = LineLost("hall-a", "/dev/ttyUSB0", "unplugged")
 TIMEOUT = RequestTimeout("hall-a", 1, "silo-1", 3, 1009.3, 1009.0, "gateway.toml:4")
@@ -37,7 +37,7 @@ PATIENCE, TOGETHER = 60.0, 3.0
 @pytest.fixture(autouse=True)
 def _on_a_busy_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gateway.observe.writer.CLOSING_PATIENCE", PATIENCE)
-    monkeypatch.setattr("gateway.observe.writer.Limiter", partial(Limiter, seconds=TOGETHER))
+    monkeypatch.setattr("gateway.observe.limits.Limiter", partial(Limiter, seconds=TOGETHER))
 
 
 class SlowStream(io.StringIO):

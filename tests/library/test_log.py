@@ -1,0 +1,54 @@
+"""The log of an embedded gateway: Python's, as often as the daemon logs, whatever clients do."""
+
+import logging
+
+import pytest
+
+from gateway import events
+from gateway.library.log import EventLog
+from gateway.observe import backlog
+
+
+def refused(client: str) -> events.AccessDenied:
+    return events.AccessDenied("tcp", client, 41, 6)
+
+
+def audit(*, was_sent: bool) -> events.WriteAudit:
+    values = {"was_sent": was_sent, "client": "10.0.0.7:5", "result": "ok"}
+    return events.WriteAudit(**{name: values.get(name) for name in events.WriteAudit.field_names})
+
+
+def test_what_a_client_repeats_is_counted(caplog: pytest.LogCaptureFixture) -> None:
+    log = EventLog()
+    caplog.set_level(logging.INFO, "gateway")
+    for port in range(5000):
+        log.emit(refused(f"10.0.0.7:{port}"))
+    assert 0 < len(caplog.records) < 100
+
+
+def test_each_write_that_was_sent_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    log = EventLog()
+    caplog.set_level(logging.INFO, "gateway")
+    for _ in range(300):
+        log.emit(audit(was_sent=True))
+    assert len(caplog.records) == 300
+    assert caplog.records[0].event == audit(was_sent=True)
+
+
+def test_how_many_more_there_were_is_said_with_a_later_event(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = EventLog()
+    caplog.set_level(logging.INFO, "gateway")
+    for _ in range(50):
+        log.emit(refused("10.0.0.7:5001"))
+    written = len(caplog.records)
+    real = backlog.time.monotonic()
+    monkeypatch.setattr("gateway.library.log.entry_of", lambda event: later(event, real + 100))
+    log.emit(events.Stopped())
+    count, _ = (record.getMessage() for record in caplog.records[written:])
+    assert count == f"access_denied (listener tcp, client 10.0.0.7): {50 - written} more"
+
+
+def later(event: events.Event, at: float) -> backlog.Entry:
+    return backlog.Entry(event.level, event.name, event.fields(), at=at)
