@@ -30,7 +30,7 @@ def units_made(images: Iterable[ImageSettings], given: Container[int], folder: P
         ConfigError: a class cannot be used.
     """
     wanted = (one for one in images if one.python and one.unit not in given)
-    return {(one.unit, one.python): made(one.python, folder) for one in wanted}
+    return {(one.unit, one.python): made(one, folder) for one in wanted}
 
 
 class CustomImages:
@@ -83,7 +83,7 @@ class CustomImages:
         unit, there = self._given.get(settings.unit), None
         if unit is None:
             there = self._thread.call_soon
-            unit = self._made.pop((settings.unit, settings.python), None) or made(settings.python, self._folder)
+            unit = self._made.pop((settings.unit, settings.python), None) or made(settings, self._folder)
         object.__setattr__(unit, FIND, self._found)  # it may be a frozen dataclass
         turn = self._turns.get(id(unit), NOBODY_ELSE)
         driver = CustomDriver(settings, unit, self._loop, self._emit, self._ring, there, turn)

@@ -16,16 +16,17 @@ from gateway.images.image import ImageSettings
 _changed_at: Final[dict[str, int]] = {}
 
 
-def made(python: str, folder: Path) -> CustomUnit:
-    """Make a unit of the class `python`, `module:Name`, imported as `find_class` says. Blocks, as `in_time` does.
+def made(image: ImageSettings, folder: Path) -> CustomUnit:
+    """Make the unit of an image, of the class that it names, imported as `find_class` says. Blocks, as `in_time` does.
 
     Raises:
         ConfigError: there is no such class, it cannot be a unit, or it fails when one is made.
     """
     try:
-        return in_time(python, partial(_made, python, folder))
+        return in_time(image.python, partial(_made, image.python, folder))
     except WrongValue as wrong:
-        raise ConfigError("; ".join(filter(None, (str(wrong), wrong.remedy)))) from None
+        place = f"{image.source}: image {image.name}" if image.source else f"image {image.name}"
+        raise ConfigError("; ".join(filter(None, (f"{place}: {wrong}", wrong.remedy)))) from None
 
 
 def outdated(images: Iterable[ImageSettings]) -> Iterator[str]:

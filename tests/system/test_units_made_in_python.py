@@ -215,7 +215,7 @@ def test_one_that_cannot_be_made_is_why_the_gateway_does_not_start(tmp_path: Pat
     assert command("check", str(tmp_path / "gateway.toml")).returncode == 0
     done = command("run", str(tmp_path / "gateway.toml"))
     assert done.returncode == 1
-    assert "units_of_test:Clock cannot be made: OSError: no sensor" in done.stderr
+    assert ": image clock: units_of_test:Clock cannot be made: OSError: no sensor" in done.stderr
     assert "Traceback" not in done.stderr
 
 
