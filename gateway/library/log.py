@@ -2,6 +2,7 @@
 
 import logging
 from threading import RLock
+from traceback import print_exc
 from typing import Final
 
 from gateway.events import Event
@@ -14,7 +15,8 @@ _LOGGER: Final = logging.getLogger("gateway")
 class EventLog:
     """Logs events in words to the logger `gateway`, each as `extra`; about the same thing as often as the daemon does.
 
-    How many more there were is logged with the next event, once it is due. Any thread may `emit`.
+    How many more there were is logged with the next event, once it is due. Any thread may `emit`. What a filter or
+    handler of the program raises is printed, as `logging` does where it can: it must not reach a line.
     """
 
     def __init__(self) -> None:
@@ -32,6 +34,14 @@ class EventLog:
             is_admitted = self._limits.admit(entry)
         for count in counts:
             about = ", ".join(f"{key} {value}" for key, value in count.fields.items() if key != "suppressed")
-            _LOGGER.log(count.level, "%s (%s): %d more", count.name, about, count.events)
+            _log(count.level, f"{count.name} ({about}): {count.events} more")
         if is_admitted:
-            _LOGGER.log(event.level, "%s", event.in_words() or event, extra={"event": event})
+            _log(event.level, event.in_words() or str(event), event)
+
+
+def _log(level: int, text: str, event: Event | None = None) -> None:
+    try:
+        _LOGGER.log(level, "%s", text, extra={"event": event})
+    except Exception:  # noqa: BLE001 - of the program's logging
+        if logging.raiseExceptions:
+            print_exc()

@@ -1,10 +1,11 @@
-"""The log of an embedded gateway: Python's, as often as the daemon logs, whatever clients do."""
+"""The log of an embedded gateway: that of Python, as seldom as the daemon logs; what handlers do wrong stays there."""
 
 import logging
 
 import pytest
 
 from gateway import events
+from gateway.events import LineLost
 from gateway.library.log import EventLog
 from gateway.observe import backlog
 
@@ -52,3 +53,34 @@ def test_how_many_more_there_were_is_said_with_a_later_event(
 
 def later(event: events.Event, at: float) -> backlog.Entry:
     return backlog.Entry(event.level, event.name, event.fields(), at=at)
+
+
+LOST = LineLost("hall", "/dev/ttyUSB0", "unplugged")
+
+
+@pytest.fixture
+def logger():
+    found = logging.getLogger("gateway")
+    before = found.filters[:], found.handlers[:], found.level
+    yield found
+    found.filters, found.handlers = before[:2]
+    found.setLevel(before[2])
+
+
+def test_an_event_is_a_record_with_its_words_and_itself(logger):
+    records = []
+    logger.addFilter(lambda record: records.append(record) or False)
+    EventLog().emit(LOST)
+    logger.setLevel(logging.CRITICAL)
+    EventLog().emit(LOST)
+    (record,) = records
+    assert (record.levelno, record.getMessage(), record.event) == (LOST.level, LOST.in_words(), LOST)
+
+
+def test_a_filter_of_the_program_that_fails_reaches_no_line(logger, capsys, monkeypatch):
+    logger.addFilter(lambda record: record.name_of_request)
+    EventLog().emit(LOST)
+    assert "has no attribute 'name_of_request'" in capsys.readouterr().err
+    monkeypatch.setattr(logging, "raiseExceptions", False)
+    EventLog().emit(LOST)
+    assert capsys.readouterr().err == ""
