@@ -384,6 +384,17 @@ async def test_devices_that_change_names_are_asked_by_those_in_force(bench):
     assert [await press.read_holding(0), await wired.read_holding(0)] == [[7], [6]]
 
 
+async def test_between_two_requests_a_reload_that_changes_the_unit_is_told_and_nothing_more_is_sent(bench):
+    bench.device.delay = 0.1
+    reading = asyncio.create_task(unit_of(bench, "press").read_points())
+    await asyncio.sleep(0.05)
+    assert len(bench.device.heard) == 1
+    await bench.reload(CONFIG.replace('"200 ms"', '"300 ms"'))
+    with pytest.raises(Busy, match="unit 46 has changed by a reload"):
+        await reading
+    assert len(bench.device.heard) == 1
+
+
 async def test_points_are_those_of_the_config_in_force(bench):
     press = unit_of(bench, "press")
     await press.read("mode")
