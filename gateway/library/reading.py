@@ -18,7 +18,7 @@ class Reading:
     value: float | str | bool | None
     unit: str = ""
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
-    _taken: float = field(default_factory=monotonic, repr=False, compare=False)
+    _taken: float = field(default_factory=monotonic, repr=False, compare=False, kw_only=True)
 
     @property
     def age(self) -> float:
@@ -31,4 +31,4 @@ class Reading:
 
 def reading_of_age(point: str, value: float | str | bool | None, unit: str, age: float) -> Reading:  # noqa: FBT001
     """Make a reading that is `age` seconds old now."""
-    return Reading(point, value, unit, datetime.now(UTC) - timedelta(seconds=age), monotonic() - age)
+    return Reading(point, value, unit, datetime.now(UTC) - timedelta(seconds=age), _taken=monotonic() - age)
