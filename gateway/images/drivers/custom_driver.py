@@ -13,7 +13,7 @@ from traceback import format_exception, format_exception_only
 from typing import Any, Final
 
 from gateway.clock.lazy_timer import LazyTimer
-from gateway.errors import DeviceFailure, RequestError
+from gateway.errors import DeviceFailure, Refused, RequestError
 from gateway.events import CustomUnitFailed, Emit, PartFailed
 from gateway.images.custom_calls import Call
 from gateway.images.custom_image import CustomImage
@@ -198,13 +198,24 @@ async def carry_out(unit: CustomUnit, call: Call) -> Outcome:
             return b""
         return _items(span, await unit.read(span.area, span.start, span.count))
     except RequestError as error:
-        str(error).encode()  # where it is told later, nothing is raised any more
-        code = getattr(error, "code", None)  # a class may have none
-        if isinstance(code, int) and 0 < code <= MOST_CODE:
-            return error.with_traceback(None)
-        raise RuntimeError(f"{type(error).__name__} has the code {code}, which is no exception code") from error
+        return _for_clients(error.with_traceback(None))
     except SystemExit as error:  # a task would end its loop with it
         raise RuntimeError(f"SystemExit({error.code!r})") from error
+
+
+def _for_clients(error: RequestError) -> RequestError:
+    """Make of an error that a unit has raised one of ours: its class may have attributes of another meaning.
+
+    Raises:
+        RuntimeError: it has no exception code.
+    """
+    kind, code = type(error), getattr(error, "code", None)  # a class may have none
+    if not isinstance(code, int) or not 0 < code <= MOST_CODE:
+        raise RuntimeError(f"{kind.__name__} has the code {code}, which is no exception code") from error
+    said = str(error)
+    said.encode()  # where it is told later, nothing is raised any more
+    ours = next(each for each in kind.__mro__ if each.__module__ == RequestError.__module__)
+    return ours(said) if getattr(ours, "code", None) == code else Refused(said, code)
 
 
 def _items(span: Span, values: Any) -> bytes:

@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from gateway.errors import Busy, IllegalValue, Refused, RequestError
+from gateway.errors import Busy, IllegalAddress, IllegalValue, Refused, RequestError
 from gateway.events import CustomUnitFailed, Event, PartFailed, RequestTimeout
 from gateway.images.custom_unit import CustomUnit
 from gateway.images.drivers.custom_driver import LOGGED_EVERY, CustomDriver
@@ -371,3 +371,27 @@ async def test_calls_leave_no_references_behind():
     for _ in range(20):
         await bench.asks("03 0003 0001")
     assert sys.getrefcount(unit) == before
+
+
+class OfItsAuthor(IllegalAddress):
+    """An error that has what ours have, with another meaning."""
+
+    code = 7
+
+    def __init__(self, result: object) -> None:
+        super().__init__(f"not {result}")
+        self.result = result
+
+
+@pytest.mark.parametrize(("code", "kind"), [(7, Refused), (2, IllegalAddress)])
+async def test_an_error_of_its_authors_own_class_is_told_as_one_of_ours(code, kind):
+    error = OfItsAuthor({"a": 1})
+    error.code = code
+    client = Asker()
+    bench = Bench(Returns(error))
+    asked = client.ask("03 0000 0001", unit=60, now=bench.loop.time())
+    bench.driver.image.submit(asked, bench.loop.time())
+    await asyncio.sleep(0.1)
+    assert client.answers == [f"83 {code:02X}"]
+    assert type(asked.error) is kind
+    assert (str(asked.error), asked.error.result) == ("not {'a': 1}", kind.result)
