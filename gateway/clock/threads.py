@@ -21,15 +21,18 @@ class ThreadPerCall(Executor):
         self._purpose = purpose
 
     def submit(self, call: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Start `call` now; the future gets what it returns or raises."""
+        """Start `call` now; the future gets what it returns or raises.
+
+        It cannot be cancelled, not even before the thread runs: what `call` opens would be lost.
+        """
         outcome: Future[T] = Future()
+        outcome.set_running_or_notify_cancel()
         job = partial(call, *args, **kwargs)
         Thread(target=_run, args=(job, outcome), name=self._purpose, daemon=True).start()
         return outcome
 
 
 def _run(job: Callable[[], T], outcome: Future[T]) -> None:
-    outcome.set_running_or_notify_cancel()
     try:
         result = job()
     except BaseException as error:  # noqa: BLE001 - raised again where the future is awaited

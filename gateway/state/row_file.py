@@ -17,7 +17,7 @@ from gateway.clock.beside import Work, beside, guarded
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import StateError
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
-from gateway.state.database import Database, Row, Table, is_damage, open_table
+from gateway.state.database import Database, Opened, Row, Table, is_damage, open_table
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -102,6 +102,8 @@ class RowFile(Generic[E]):
         self._row = row
         self._pause = pause
         self._database: Database | None = None
+        #: While it is being opened, and if that was cancelled.
+        self._opening: asyncio.Future[Opened] | None = None
         self._was_read = False
         self._fails = False
 
@@ -137,6 +139,7 @@ class RowFile(Generic[E]):
     async def close(self) -> None:
         """Write the rest and close the file, if it is open; give up after CLOSING_DEADLINE."""
         if self._database is None:
+            await self._close_again()
             return
         try:
             async with asyncio.timeout(CLOSING_DEADLINE):
@@ -148,7 +151,8 @@ class RowFile(Generic[E]):
             self._tell(str(error))
 
     async def _open(self) -> Database:
-        opened = await self._in_thread(open_table, self._file, self._table)
+        self._opening = asyncio.ensure_future(self._in_thread(open_table, self._file, self._table))
+        opened = await asyncio.shield(self._opening)
         if opened.damage:
             self._emit(StateDamaged(str(self._file), opened.damage))
         if self._was_read:
@@ -156,7 +160,17 @@ class RowFile(Generic[E]):
         else:
             self._kept.load(await self._in_thread(self._entries, opened.rows))
             self._was_read = True
+        self._opening = None
         return opened.database
+
+    async def _close_again(self) -> None:
+        """Close what was being opened: another gateway may open it next. Wait for CLOSING_DEADLINE at most."""
+        if self._opening is None:
+            return
+        with suppress(TimeoutError, StateError, sqlite3.Error):
+            async with asyncio.timeout(CLOSING_DEADLINE):
+                opened = await self._opening
+                await self._in_thread(opened.database.close)
 
     def _entries(self, rows: Iterable[Row]) -> list[E]:
         entries = []

@@ -25,3 +25,12 @@ def test_a_call_that_hangs_holds_up_no_other_and_no_exit():
     assert not hanging.done()
     release.set()
     assert hanging.result(5)
+
+
+def test_a_call_is_not_cancelled_before_its_thread_runs():
+    begin = threading.Event()
+    outcome = ThreadPerCall("open").submit(begin.wait, 10)
+    assert outcome.running()
+    assert not outcome.cancel()
+    begin.set()
+    assert outcome.result(5)
