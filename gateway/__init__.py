@@ -24,11 +24,11 @@ if TYPE_CHECKING:
         LineDown,
         ListenError,
         NoResponse,
+        NotConfigured,
         Refused,
         RequestError,
         StateError,
         TlsError,
-        UnknownUnit,
     )
     from gateway.images.custom_unit import CustomUnit
     from gateway.library.gateway import Gateway
@@ -49,7 +49,7 @@ __all__ = (  # noqa: RUF022 - as the reader meets them
     "ListenError",
     "StateError",
     "TlsError",
-    "UnknownUnit",
+    "NotConfigured",
     "RequestError",
     "NoResponse",
     "Busy",

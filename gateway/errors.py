@@ -44,7 +44,7 @@ GatewayError
 │   ├── Unready                  the gateway cannot do it now
 │   └── UnitFailed               the unit did not answer with what was asked for
 │       └── ExceptionReceived    it answered with an exception, or the gateway did so for it
-├── UnknownUnit                  the config has no unit with this number or name
+├── NotConfigured                the config has no such unit, or a unit has no such point
 └── DaemonError                  the running gateway cannot be reached
 
 A request in progress is not ended by raising: `Request.fail` turns a RequestError into the exception response.
@@ -337,7 +337,7 @@ class ExceptionReceived(UnitFailed):
         self.reason = reason
 
 
-class UnknownUnit(GatewayError):
+class NotConfigured(GatewayError):
     """The config has no unit with this number or name; or the unit has no such point."""
 
 

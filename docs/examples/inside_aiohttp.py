@@ -15,7 +15,7 @@ from contextlib import AsyncExitStack
 
 from aiohttp import web
 
-from gateway import Busy, Gateway, LineDown, NoResponse, Refused, UnknownUnit
+from gateway import Busy, Gateway, LineDown, NoResponse, NotConfigured, Refused
 
 CONFIG = web.AppKey("CONFIG", str)
 GATEWAY = web.AppKey("GATEWAY", Gateway)
@@ -62,7 +62,7 @@ async def tell_errors(request: web.Request, handler: Handler) -> web.StreamRespo
     """Give each error of the gateway its HTTP status."""
     try:
         return await handler(request)
-    except UnknownUnit as error:
+    except NotConfigured as error:
         raise web.HTTPNotFound(text=str(error)) from None
     except ValueError as error:  # the body is no JSON, or the value does not fit
         raise web.HTTPBadRequest(text=str(error)) from None

@@ -55,7 +55,9 @@ def without_rows(config: Config) -> tuple[Plan, Maps]:
     behind |= {image.unit: profiles[image.profile] for image in config.image if kind_of(image) == "virtual unit"}
     plan = Plan(
         site=config.site,
-        listeners=tuple(listen_settings(listen, config.listen) for listen in config.listen) or (DEFAULT_LISTENER,),
+        listeners=(DEFAULT_LISTENER,)
+        if config.listens_by_default
+        else tuple(listen_settings(listen, config.listen) for listen in config.listen),
         lines=lines,
         servers=tuple(server_plan(line, behind) for line in config.line if line.role == "server"),
         upstreams=upstreams,

@@ -37,7 +37,7 @@ class CustomUnit:
         """Return another unit of the gateway, by number or name: see `Gateway.unit`.
 
         Raises:
-            UnknownUnit: there is none.
+            NotConfigured: there is none.
             RuntimeError: this one belongs to no gateway that has been started.
         """
         if self.__find is None:

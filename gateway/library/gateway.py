@@ -129,7 +129,7 @@ class Gateway:
         """Return a unit, by the number that clients use or by its name.
 
         Raises:
-            UnknownUnit: there is none.
+            NotConfigured: there is none.
         """
         return UnitClient(self._asked, unit)
 

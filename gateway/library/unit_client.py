@@ -6,7 +6,7 @@ from typing import Final
 
 from gateway.clock.slices import in_slices
 from gateway.config.values.reserved_names import EMBEDDED
-from gateway.errors import BrokenResponse, Busy, ChangedMeanwhile, DoesNotFit, UnitFailed, UnknownUnit, WrongQuestion
+from gateway.errors import BrokenResponse, Busy, ChangedMeanwhile, DoesNotFit, NotConfigured, UnitFailed, WrongQuestion
 from gateway.library.addresses import span_to_read, span_to_write
 from gateway.library.anywhere import anywhere
 from gateway.library.failures import failure
@@ -46,8 +46,8 @@ class UnitClient:
     Cancelling drops a request that waits; what was sent stays sent.
 
     Each method raises `ValueError` for what fits neither the protocol nor the config, before anything is sent;
-    `UnknownUnit` if the config has no such point, or since a reload no such unit; else `Refused`, `Busy`, `LineDown` or
-    `NoResponse`, which have the `code` of the exception. After a `NoResponse` the device may have acted. Once the
+    `NotConfigured` if the config has no such point, or since a reload no such unit; else `Refused`, `Busy`, `LineDown`
+    or `NoResponse`, which have the `code` of the exception. After a `NoResponse` the device may have acted. Once the
     gateway has stopped it is `RuntimeError`.
     """
 
@@ -55,7 +55,7 @@ class UnitClient:
         """Use `Gateway.unit` to get one. `operator` returns that of the gateway, and raises once this has stopped.
 
         Raises:
-            UnknownUnit: there is no such unit.
+            NotConfigured: there is no such unit.
         """
         self._operator = operator
         self._wanted = unit
@@ -171,7 +171,7 @@ class UnitClient:
         unit = self._unit(operator)
         points = [_to_read(unit, name) for name in dict.fromkeys(names)] if names else readable(unit)
         if not points:
-            raise UnknownUnit(f"{unit.name} has no points to read: a profile would give its registers names")
+            raise NotConfigured(f"{unit.name} has no points to read: a profile would give its registers names")
         sampled = Sampled(operator.gateway, unit.key, _ASKER)
         steps = reading(points, unit.read_rules, _holes(operator, unit) if len(points) > 1 else Holes())
         outcome = await self._carried_out(steps, ask_for(operator, unit.key, _ASKER, sampled.origin))
@@ -192,12 +192,12 @@ class UnitClient:
         """Describe the unit.
 
         Raises:
-            UnknownUnit: there is none any more.
+            NotConfigured: there is none any more.
         """
         try:
             self._found = known_picture(operator, self._wanted)
         except WrongQuestion as wrong:
-            raise UnknownUnit(str(wrong)) from None
+            raise NotConfigured(str(wrong)) from None
         return self._found
 
 
@@ -215,7 +215,7 @@ def _named(unit: UnitPicture, name: str) -> Point:
     try:
         return point_named(unit, name)
     except WrongQuestion as wrong:
-        raise UnknownUnit(str(wrong)) from None
+        raise NotConfigured(str(wrong)) from None
 
 
 def _to_read(unit: UnitPicture, name: str) -> Point:

@@ -521,3 +521,14 @@ def test_a_server_line_for_all_serves_units_that_pass_through():
     text = '[[line]]\nport = "/dev/a"\n[[line]]\nname = "p"\nport = "/dev/p"\nrole = "server"\nserves = "all"\n'
     (server,) = plan_of(text).servers
     assert server.line.serves == frozenset(range(1, 248))
+
+
+def test_a_file_that_says_that_there_is_no_listener_has_not_the_default_one():
+    image = "[[image]]\nunit = 1\nholding = 1\n"
+    assert [listener.port for listener in plan_of(image).listeners] == [5020]
+    assert plan_of(f"listen = []\n{image}").listeners == ()
+
+
+def test_units_of_a_file_without_listeners_are_for_other_ways_in():
+    loaded = parse("listen = []\n[[image]]\nunit = 1\nholding = 1\n")
+    assert [str(problem) for problem in loaded.problems] == []

@@ -6,7 +6,7 @@ from weakref import ref
 
 import pytest
 
-from gateway import CustomUnit, Gateway, ListenError, UnknownUnit
+from gateway import CustomUnit, Gateway, ListenError, NotConfigured
 from gateway.library.belonging import belonging
 
 CONFIG = """
@@ -80,7 +80,7 @@ async def test_a_start_that_fails_gives_its_units_back():
             async with Gateway.from_text(taken, units={60: relay}):
                 pass
     async with Gateway.from_text(CONFIG, units={60: relay}) as gateway:
-        with pytest.raises(UnknownUnit):
+        with pytest.raises(NotConfigured):
             relay.unit("none")
         assert await gateway.unit(60).read_holding(0) == [0]
 

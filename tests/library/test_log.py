@@ -9,6 +9,17 @@ from gateway.events import LineLost
 from gateway.library.log import EventLog
 from gateway.observe import backlog
 
+#: What was logged.
+Records = list[logging.LogRecord]
+
+
+@pytest.fixture
+def records(logger) -> Records:
+    found: Records = []
+    logger.setLevel(logging.INFO)
+    logger.addFilter(lambda record: found.append(record) or False)
+    return found
+
 
 def refused(client: str) -> events.AccessDenied:
     return events.AccessDenied("tcp", client, 41, 6)
@@ -19,35 +30,30 @@ def audit(*, was_sent: bool) -> events.WriteAudit:
     return events.WriteAudit(**{name: values.get(name) for name in events.WriteAudit.field_names})
 
 
-def test_what_a_client_repeats_is_counted(caplog: pytest.LogCaptureFixture) -> None:
+def test_what_a_client_repeats_is_counted(records: Records) -> None:
     log = EventLog()
-    caplog.set_level(logging.INFO, "gateway")
     for port in range(5000):
         log.emit(refused(f"10.0.0.7:{port}"))
-    assert 0 < len(caplog.records) < 100
+    assert 0 < len(records) < 100
 
 
-def test_each_write_that_was_sent_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+def test_each_write_that_was_sent_is_logged(records: Records) -> None:
     log = EventLog()
-    caplog.set_level(logging.INFO, "gateway")
     for _ in range(300):
         log.emit(audit(was_sent=True))
-    assert len(caplog.records) == 300
-    assert caplog.records[0].event == audit(was_sent=True)
+    assert len(records) == 300
+    assert records[0].event == audit(was_sent=True)
 
 
-def test_how_many_more_there_were_is_said_with_a_later_event(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_how_many_more_there_were_is_said_with_a_later_event(records: Records, monkeypatch: pytest.MonkeyPatch) -> None:
     log = EventLog()
-    caplog.set_level(logging.INFO, "gateway")
     for _ in range(50):
         log.emit(refused("10.0.0.7:5001"))
-    written = len(caplog.records)
+    written = len(records)
     real = backlog.time.monotonic()
     monkeypatch.setattr("gateway.library.log.entry_of", lambda event: later(event, real + 100))
     log.emit(events.Stopped())
-    count, _ = (record.getMessage() for record in caplog.records[written:])
+    count, _ = (record.getMessage() for record in records[written:])
     assert count == f"access_denied (listener tcp, client 10.0.0.7): {50 - written} more"
 
 

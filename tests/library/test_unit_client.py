@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from gateway import AccessDenied, Busy, DeviceFailure, IllegalAddress, LineDown, NoResponse, Refused, UnknownUnit
+from gateway import AccessDenied, Busy, DeviceFailure, IllegalAddress, LineDown, NoResponse, NotConfigured, Refused
 from gateway.errors import AnswerOverdue, OnlyHeard, QueueFull, ResponseTimeout, StaleValue, WaitedTooLong
 from gateway.library.unit_client import UnitClient
 from gateway.modbus import rtu
@@ -148,16 +148,16 @@ async def test_addresses_are_whole_numbers(bench):
 
 
 async def test_what_the_config_does_not_have_is_unknown(bench):
-    with pytest.raises(UnknownUnit, match='nothing has the name "pres"; did you mean "press"'):
+    with pytest.raises(NotConfigured, match='nothing has the name "pres"; did you mean "press"'):
         unit_of(bench, "pres")
-    with pytest.raises(UnknownUnit, match="there is no unit 47"):
+    with pytest.raises(NotConfigured, match="there is no unit 47"):
         unit_of(bench, 47)
-    with pytest.raises(UnknownUnit, match='nothing has the name "46"; a number is written without quotes: 46'):
+    with pytest.raises(NotConfigured, match='nothing has the name "46"; a number is written without quotes: 46'):
         unit_of(bench, "46")
     for point in unit_of(bench, "press").read("sped"), unit_of(bench, "press").write("sped", 1):
-        with pytest.raises(UnknownUnit, match='press has no point "sped"; did you mean "speed"'):
+        with pytest.raises(NotConfigured, match='press has no point "sped"; did you mean "speed"'):
             await point
-    with pytest.raises(UnknownUnit, match="shift has no points to read"):
+    with pytest.raises(NotConfigured, match="shift has no points to read"):
         await unit_of(bench, "shift").read_points()
 
 
@@ -364,10 +364,10 @@ async def test_a_unit_is_found_by_its_name_after_a_reload(bench):
     by_name, by_number = unit_of(bench, "press"), unit_of(bench, 46)
     await bench.reload(CONFIG.replace("as = 46", "as = 47"))
     assert await by_name.read_holding(0) == [0]
-    with pytest.raises(UnknownUnit, match="there is no unit 46"):
+    with pytest.raises(NotConfigured, match="there is no unit 46"):
         await by_number.read_holding(0)
     await bench.reload(CONFIG.replace('"press"', '"stamp"'))
-    with pytest.raises(UnknownUnit, match='nothing has the name "press"'):
+    with pytest.raises(NotConfigured, match='nothing has the name "press"'):
         await by_name.read("speed")
     assert await by_number.read_holding(0) == [0]
     assert by_number.name == "stamp"
@@ -400,7 +400,7 @@ async def test_points_are_those_of_the_config_in_force(bench):
     await press.read("mode")
     await bench.reload(CONFIG.replace('"mode"', '"state"'))
     assert (await press.read("state")).value == "off"
-    with pytest.raises(UnknownUnit, match='press has no point "mode"; known here: speed, state'):
+    with pytest.raises(NotConfigured, match='press has no point "mode"; known here: speed, state'):
         await press.read("mode")
 
 

@@ -14,6 +14,8 @@ ON_FAILURE_SILENT: Final = "no response instead of 06, 0A and 0B."
 
 def listeners_as_text(listeners: tuple[ListenSettings, ...]) -> str:
     """Show the listeners as a table."""
+    if not listeners:
+        return "Listeners: none, as listen = [] says"
     rows = [(one.name, _address(one), _places(one), _idle(one), str(one.unit0), _leads_to(one)) for one in listeners]
     table = align([("NAME", "ADDRESS", "CLIENTS", "IDLE", "UNIT 0", "LEADS TO"), *rows], "  ")
     silent = [f"  Through {one.name}: {ON_FAILURE_SILENT}" for one in listeners if one.on_failure == "silent"]

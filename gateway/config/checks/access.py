@@ -137,9 +137,11 @@ def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
 
 def _listeners(config: Config) -> tuple[Listen, ...]:
     """List the listeners in the file, or the default one."""
+    if not config.listens_by_default:
+        return config.listen
     default = DEFAULT_LISTENER
     bind = f"{default.scheme}://{default.host}:{default.port}"
-    return config.listen or (Listen.model_validate({"name": default.name, "bind": bind}),)
+    return (Listen.model_validate({"name": default.name, "bind": bind}),)
 
 
 def _check_networks(row: Access, config: Config) -> Iterator[Problem]:

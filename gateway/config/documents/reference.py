@@ -86,6 +86,7 @@ The gateway reads one [TOML](https://toml.io) file: `/etc/modbus-gateway/gateway
 {SMALLEST}```
 
 Local clients then connect to `tcp://127.0.0.1:5020`, and every unit ID from 1 to 247 is passed through to the line.
+`listen = []` at the top of the file says that no client connects by TCP or UDP.
 
 - `modbus-gateway ports` lists the serial ports of the machine.
 - `modbus-gateway check FILE` prints every error with line and column, and checks ports and addresses without opening

@@ -12,8 +12,10 @@ from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 
 def listening(config: Config) -> tuple[tuple[Address, str], ...]:
     """List the addresses where clients can connect, each with its place in the file."""
-    default = Address(DEFAULT_LISTENER.scheme, DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
-    return tuple((each.bind, each.place) for each in config.listen) or ((default, "the default listener"),)
+    if config.listens_by_default:
+        default = Address(DEFAULT_LISTENER.scheme, DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
+        return ((default, "the default listener"),)
+    return tuple((each.bind, each.place) for each in config.listen)
 
 
 def only_part(listen: Listen) -> str | None:
@@ -22,7 +24,10 @@ def only_part(listen: Listen) -> str | None:
 
 
 def leads_everywhere(config: Config) -> bool:
-    """Tell whether a listener leads to all units, as the default listener does, or a server line serves all."""
+    """Tell whether a listener leads to all units, as the default listener does, or a server line serves all.
+
+    Where no listener is wanted, units are for other ways in.
+    """
     serves_all = any(line.serves == "all" for line in config.line)
     return not config.listen or serves_all or any(only_part(listen) is None for listen in config.listen)
 

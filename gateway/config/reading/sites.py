@@ -8,6 +8,8 @@ from gateway.config.values.site import Site
 
 def with_sites(config: Config) -> Config:
     """Make listeners for a site listeners for the upstream to it, which is added if the file does not have it."""
+    if not config.listen:
+        return config
     upstreams = list(config.upstream)
     listeners = tuple(_for_upstream(listen, upstreams) for listen in config.listen)
     return config.model_copy(update={"listen": listeners, "upstream": tuple(upstreams)})

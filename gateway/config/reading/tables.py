@@ -59,7 +59,7 @@ class TableReader:
     def config(self) -> Config:
         """Make the config of every table that is good, with the profiles that are in it."""
         self._find_unknown_sections()
-        lists = {section: tuple(self._rows(section, model)) for section, model in LISTS.items()}
+        lists = {section: tuple(self._rows(section, LISTS[section])) for section in LISTS if section in self._document}
         singles = {section: self._single(section, model) for section, model in _SINGLES.items()}
         present = {section: table for section, table in singles.items() if table is not None}
         return with_sites(Config.model_validate({"site": self._site(), PROFILE: self.profiles(), **lists, **present}))

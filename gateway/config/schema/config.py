@@ -45,3 +45,8 @@ class Config(Table):
     trace: Trace = Trace()
     control: Control | None = None
     log: Log = Log()
+
+    @property
+    def listens_by_default(self) -> bool:
+        """Whether there is the default listener: the file says nothing of any. `listen = []` says that there is none."""
+        return not self.has("listen")
