@@ -42,7 +42,7 @@ UnitClients = Callable[[Callable[[], Operator], int | str], Any]
 
 
 class _Source(NamedTuple):
-    """The config file, and what was read of it."""
+    """The config file, by a path that counts wherever code of units goes, and what was read of it."""
 
     file: Path
     read: ConfigRead
@@ -64,7 +64,7 @@ def run_daemon(file: Path, read: ConfigRead, plan: Plan, control: str | None, un
             fan_out = FanOut(log)
             tell_loaded(str(file), plan, read.problems, fan_out.emit)
             path = Path(control or plan.control or control_path(file)).absolute()
-            _serve(plan, _Source(file, read), path, fan_out, unit_client)
+            _serve(plan, _Source(file.absolute(), read), path, fan_out, unit_client)
     except (ConfigError, ListenError, StateError, TlsError) as error:
         tell_journal(events.ConfigRejected.of(str(file), [str(error)]))
         raise

@@ -1,5 +1,6 @@
 """Units made in Python in a gateway that runs as an operator starts it."""
 
+import os
 import signal
 import socket
 import threading
@@ -235,3 +236,13 @@ def test_status_and_check_say_what_it_is(tmp_path: Path) -> None:
         assert "clock  units_of_test:Clock  fine   1" in status
         checked = command("check", str(gateway.config)).stdout
         assert "clock  units_of_test:Clock  1 s      generic  all" in checked
+
+
+def test_a_module_that_goes_to_another_folder_does_not_take_the_config_with_it(tmp_path: Path) -> None:
+    write_units(tmp_path, f"import os\nos.chdir('/')\n{UNITS}")
+    gateway = GatewayProcess(tmp_path, f'{LISTENER}{CLOCK}[control]\nsocket = "{tmp_path}/control.sock"\n')
+    gateway.config = Path(os.path.relpath(gateway.config))
+    with gateway:
+        change(gateway, CLOCK, CLOCK + CLOCK.replace("60", "61").replace('"clock"', '"other"'))
+        assert reloaded(gateway)["added"] == ["image other"]
+        assert asks(gateway, 61) == "03020007"
