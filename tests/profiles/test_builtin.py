@@ -42,7 +42,7 @@ def test_they_are_read_out_of_an_archive_too(tmp_path):
     """As in a zipapp."""
     package = Path(gateway.profiles.__file__).parents[1]
     with ZipFile(tmp_path / "gateway.zip", "w") as archive:
-        for file in (package / "__init__.py", *package.joinpath("profiles").glob("*.*")):
+        for file in (*package.glob("*.py"), *package.joinpath("profiles").glob("*.*")):
             archive.write(file, file.relative_to(package.parent))
     program = (
         "import sys; sys.path.insert(0, sys.argv[1]); from gateway import profiles as p;"

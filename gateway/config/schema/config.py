@@ -48,5 +48,5 @@ class Config(Table):
 
     @property
     def listens_by_default(self) -> bool:
-        """Whether there is the default listener: the file says nothing of any. `listen = []` says that there is none."""
+        """Whether there is the default listener: the file says nothing of any. `listen = []` says there is none."""
         return not self.has("listen")
