@@ -7,7 +7,7 @@ from socket import gethostname
 
 import pytest
 
-from gateway import DOCUMENTATION
+from gateway.version import DOCUMENTATION
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.markup import Markup
