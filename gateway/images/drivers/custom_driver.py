@@ -27,6 +27,8 @@ from gateway.trace.ring import Ring
 LOGGED_EVERY: Final = 10.0
 #: The longest text of an error that is told.
 _MOST_TEXT: Final = 300
+#: The most characters of a traceback that are logged, its last ones.
+_MOST_TRACED: Final = 20_000
 #: An exception code has one byte.
 MOST_CODE: Final = 255
 
@@ -142,7 +144,9 @@ class _Failures:
         if now < self._next:
             self._others += 1
         else:
-            traceback = "" if isinstance(error, _WrongValues) else _encodable("".join(format_exception(error)))
+            traceback = (
+                "" if isinstance(error, _WrongValues) else _encodable("".join(format_exception(error))[-_MOST_TRACED:])
+            )
             self._emit(CustomUnitFailed(self._unit, self._name, text, traceback, self._others or None))
             self._next, self._others = now + LOGGED_EVERY, 0
         return DeviceFailure(f"{self._name} has failed: {text}")
@@ -212,7 +216,7 @@ def _for_clients(error: RequestError) -> RequestError:
     kind, code = type(error), getattr(error, "code", None)  # a class may have none
     if not isinstance(code, int) or not 0 < code <= MOST_CODE:
         raise RuntimeError(f"{kind.__name__} has the code {code}, which is no exception code") from error
-    said = str(error)
+    said = str(error)[:_MOST_TEXT]
     said.encode()  # where it is told later, nothing is raised any more
     ours = next(each for each in kind.__mro__ if each.__module__ == RequestError.__module__)
     return ours(said) if getattr(ours, "code", None) == code else Refused(said, code)

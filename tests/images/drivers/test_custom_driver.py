@@ -395,3 +395,14 @@ async def test_an_error_of_its_authors_own_class_is_told_as_one_of_ours(code, ki
     assert client.answers == [f"83 {code:02X}"]
     assert type(asked.error) is kind
     assert (str(asked.error), asked.error.result) == ("not {'a': 1}", kind.result)
+
+
+@pytest.mark.parametrize("kind", [IllegalAddress, ValueError])
+async def test_long_texts_of_errors_are_not_kept(kind):
+    bench, client = Bench(Returns(kind("x" * 10**6))), Asker()
+    asked = client.ask("03 0000 0001", unit=60, now=bench.loop.time())
+    bench.driver.image.submit(asked, bench.loop.time())
+    await asyncio.sleep(0.1)
+    assert asked.error is not None
+    assert len(str(asked.error)) < 500
+    assert sum(len(repr(event)) for event in bench.events) < 25_000
