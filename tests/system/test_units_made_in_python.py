@@ -146,7 +146,9 @@ python = "units_of_test:{kind}"
         while blocked.is_alive():
             on_line.append(takes(gateway, 41))
         blocked.join()
-        assert [answer for answer, _ in answers] == ["830b", "8306", "8306"]
+        first, *others = (answer for answer, _ in answers)
+        assert first == "830b"
+        assert {*others} <= {"8306", "830b"}, "it waited for the first call, or the unit rests already"
         assert 0.9 < answers[0][1] < 10  # and not 60: the machine may be busy
         gateway.first(RESTS)
         assert {answer for answer, _ in on_line} == {right}
