@@ -21,7 +21,7 @@ ENDING_TIME: Final = 1.0
 class LoopThread:
     """A thread named `name`, which is started by the first call, and carries out calls in its event loop.
 
-    If what it carries out ends that loop, the next call starts another thread.
+    If what it carries out ends that loop, it goes on: others have calls there.
     """
 
     def __init__(self, name: str) -> None:
@@ -40,9 +40,9 @@ class LoopThread:
         with self._starting:
             if self._is_closed:
                 return
-            if self._loop is None or self._loop.is_closed():
+            if self._loop is None:
                 loop = _Loop()
-                self._thread = Thread(target=_run, args=(loop,), name=self._name, daemon=True)
+                self._thread = Thread(target=self._run, args=(loop,), name=self._name, daemon=True)
                 try:
                     self._thread.start()
                 except RuntimeError:
@@ -65,6 +65,14 @@ class LoopThread:
         waiting = ThreadPerCall(f"end of {self._name}")
         await asyncio.get_running_loop().run_in_executor(waiting, self._thread.join, ENDING_TIME)
         return not self._thread.is_alive()
+
+    def _run(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Run a loop until `close`; then end what it still has, and close it."""
+        with asyncio.Runner(loop_factory=lambda: loop) as runner:
+            runner.get_loop()
+            while not self._is_closed:
+                with suppress(SystemExit, KeyboardInterrupt):  # of what it carries out
+                    loop.run_forever()
 
 
 class _Threads(ThreadPerCall):
@@ -103,9 +111,3 @@ class _Loop(asyncio.SelectorEventLoop):
     ) -> asyncio.Future[Any]:
         """Run `func` in a thread."""
         return super().run_in_executor(executor or self._threads, func, *args)
-
-
-def _run(loop: asyncio.AbstractEventLoop) -> None:
-    """Run a loop until it is stopped; then end what it still has, and close it."""
-    with asyncio.Runner(loop_factory=lambda: loop) as runner:
-        runner.get_loop().run_forever()

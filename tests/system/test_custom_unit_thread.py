@@ -326,13 +326,19 @@ def interrupt_it() -> None:
     raise KeyboardInterrupt
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-@pytest.mark.parametrize("end", [stop_it, interrupt_it])
-async def test_code_that_ends_the_loop_of_the_thread_gets_another_one(end):
-    thread, called = LoopThread("ended"), threading.Event()
+@pytest.mark.parametrize("end", [stop_it, interrupt_it, sys.exit])
+async def test_code_that_ends_the_loop_of_the_thread_ends_no_call_of_others(end):
+    thread, called, done = LoopThread("goes on"), threading.Event(), threading.Event()
+    tasks = []
+
+    async def other() -> None:
+        await asyncio.sleep(0.1)
+        done.set()
+
+    thread.call_soon(lambda: tasks.append(asyncio.ensure_future(other())))
     thread.call_soon(end)
-    for ended in (each for each in threading.enumerate() if each.name == "ended"):
-        await asyncio.to_thread(ended.join, 5.0)
     thread.call_soon(called.set)
     assert await asyncio.to_thread(called.wait, 5.0)
+    assert await asyncio.to_thread(done.wait, 5.0)
+    assert [each.name for each in threading.enumerate()].count("goes on") == 1
     assert await thread.close()
