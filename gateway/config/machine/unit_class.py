@@ -114,7 +114,7 @@ def _no_module(name: str, folder: Path) -> WrongValue:
 
 def told(error: BaseException) -> str:
     """Say in one line what code of others has raised, and where."""
-    text = format_exception_only(error)[-1].partition(": ")[2].rstrip("\n")
+    text = format_exception_only(error)[0].partition(": ")[2].rstrip("\n")
     said = f"{type(error).__name__}: {text[:_MOST_SAID]}".rstrip(": ").replace("\n", r"\n")
     if isinstance(error, SyntaxError):
         return f"{type(error).__name__}: {error.msg} ({error.filename}, line {error.lineno})"

@@ -110,6 +110,10 @@ def test_a_folder_without_modules(folder):
             "def f():\n    raise ValueError('bad\\nnews')\n\nf()\n",
             r"clock_a cannot be imported: ValueError: bad\nnews (FOLDER/clock_a.py, line 2)",
         ),
+        (
+            "wrong = ValueError('no port')\nwrong.add_note('at the clock')\nraise wrong\n",
+            "clock_a cannot be imported: ValueError: no port (FOLDER/clock_a.py, line 3)",
+        ),
         ("def (\n", "clock_a cannot be imported: SyntaxError: invalid syntax (FOLDER/clock_a.py, line 1)"),
         ("exit(1)\n", "clock_a cannot be imported: SystemExit: 1"),
         (
