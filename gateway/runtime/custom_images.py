@@ -83,7 +83,8 @@ class CustomImages:
         unit, there = self._given.get(settings.unit), None
         if unit is None:
             there = self._thread.call_soon
-            unit = self._made.pop((settings.unit, settings.python), None) or made(settings, self._folder)
+            key = (settings.unit, settings.python)
+            unit = self._made.pop(key) if key in self._made else made(settings, self._folder)
         object.__setattr__(unit, FIND, self._found)  # it may be a frozen dataclass
         turn = self._turns.get(id(unit), NOBODY_ELSE)
         driver = CustomDriver(settings, unit, self._loop, self._emit, self._ring, there, turn)

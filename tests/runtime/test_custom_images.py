@@ -28,6 +28,9 @@ class Counted(CustomUnit):
     def __init__(self):
         made.append(self)
 
+    def __len__(self):  # so it is false
+        return 0
+
     async def read(self, area, address, count):
         return [0] * count
 
