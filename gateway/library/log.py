@@ -21,7 +21,7 @@ class EventLog:
 
     def __init__(self) -> None:
         self._limits = Limits()
-        # Reentrant: a handler of the program may cause an event.
+        # Reentrant: what the garbage collector runs may cause an event.
         self._lock = RLock()
 
     def emit(self, event: Event) -> None:
