@@ -83,7 +83,7 @@ async def test_a_reload_makes_what_is_new_and_nothing_else(module, tmp_path):
 
 async def test_one_that_cannot_be_made_is_an_error_in_words(module, tmp_path):
     broken = plan((60, "Broken", "1 s"), module=module)
-    with pytest.raises(ConfigError, match=r"Broken cannot be made: OSError: no sensor \(.*counted.*\.py, line 14\)"):
+    with pytest.raises(ConfigError, match=r"Broken cannot be made: OSError: no sensor \(.*counted.*\.py, line 17\)"):
         images(tmp_path).prepare(broken, plan((61, "Counted", "1 s"), module=module))
 
 
