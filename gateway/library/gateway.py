@@ -61,7 +61,8 @@ class Gateway:
         self._config = config
         self._units = dict(units or {})
         self._state = None if state is None else Path(state).absolute()
-        self._events = EventStreams(EventLog().emit)
+        self._log = EventLog()
+        self._events = EventStreams(self._log.emit)
         self._life: Life | None = None
         self._operator: Operator | None = None
 
@@ -179,7 +180,7 @@ class Gateway:
 
     async def _run(self, ready: "_Ready", stop: Stop) -> None:
         """Run until `stop`, as the daemon does."""
-        with closing(self._events), belonging(self._units, self.unit):
+        with closing(self._log), closing(self._events), belonging(self._units, self.unit):
             fan_out = FanOut(self._events.emit)
             async with state_open(self._state, self._config.plan, fan_out.emit, stop) as kept:
                 await self._run_with(kept, fan_out, ready, stop)

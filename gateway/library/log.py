@@ -1,6 +1,7 @@
 """Hands events to Python's logging, as any library does: the program decides what becomes of them."""
 
 import logging
+from math import inf
 from threading import RLock
 from traceback import print_exc
 from typing import Final
@@ -15,7 +16,7 @@ _LOGGER: Final = logging.getLogger("gateway")
 class EventLog:
     """Logs events in words to the logger `gateway`, each as `extra`; about the same thing as often as the daemon does.
 
-    How many more there were is logged with the next event, once it is due. Any thread may `emit`. What a filter or
+    How many more there were is logged with the next event, once it is due, and by `close`. Any thread may `emit`. What a filter or
     handler of the program raises is printed, as `logging` does where it can: it must not reach a line.
     """
 
@@ -29,14 +30,22 @@ class EventLog:
         if not _LOGGER.isEnabledFor(event.level):
             return
         entry = entry_of(event)
+        self._log_counts(entry.at)
         with self._lock:
-            counts = list(self._limits.counts(entry.at))
             is_admitted = self._limits.admit(entry)
+        if is_admitted:
+            _log(event.level, event.in_words() or str(event), event)
+
+    def close(self) -> None:
+        """Log the counts that are not due yet."""
+        self._log_counts(inf)
+
+    def _log_counts(self, now: float) -> None:
+        with self._lock:
+            counts = list(self._limits.counts(now))
         for count in counts:
             about = ", ".join(f"{key} {value}" for key, value in count.fields.items() if key != "suppressed")
             _log(count.level, f"{count.name} ({about}): {count.events} more")
-        if is_admitted:
-            _log(event.level, event.in_words() or str(event), event)
 
 
 def _log(level: int, text: str, event: Event | None = None) -> None:

@@ -57,6 +57,16 @@ def test_how_many_more_there_were_is_said_with_a_later_event(records: Records, m
     assert count == f"access_denied (listener tcp, client 10.0.0.7): {50 - written} more"
 
 
+def test_what_was_counted_until_the_end_is_said_then(records: Records) -> None:
+    log = EventLog()
+    for _ in range(50):
+        log.emit(refused("10.0.0.7:5001"))
+    written = len(records)
+    log.close()
+    (count,) = (record.getMessage() for record in records[written:])
+    assert count == f"access_denied (listener tcp, client 10.0.0.7): {50 - written} more"
+
+
 def later(event: events.Event, at: float) -> backlog.Entry:
     return backlog.Entry(event.level, event.name, event.fields(), at=at)
 
