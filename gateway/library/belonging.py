@@ -11,6 +11,8 @@ from gateway.images.custom_unit import FIND, CustomUnit
 def belonging(units: Mapping[int, CustomUnit], find: Callable[[int | str], Any]) -> Iterator[None]:
     """Let `units` belong to the gateway whose units `find` finds, inside the context.
 
+    A call that does not heed that it is cancelled may go on after it, beside those of the next gateway.
+
     Raises:
         RuntimeError: one of them belongs to another gateway, which runs.
     """
