@@ -16,8 +16,8 @@ _LOGGER: Final = logging.getLogger("gateway")
 class EventLog:
     """Logs events in words to the logger `gateway`, each as `extra`; about the same thing as often as the daemon does.
 
-    How many more there were is logged with the next event, once it is due, and by `close`. Any thread may `emit`. What a
-    filter or handler of the program raises is printed, as `logging` does where it can: it must not reach a line.
+    How many more there were is logged with the next event, once it is due, and by `close`. Any thread may `emit`. What
+    a filter or handler of the program raises is printed, as `logging` does where it can: it must not reach a line.
     """
 
     def __init__(self) -> None:
