@@ -430,8 +430,8 @@ static void report(const struct snapshot *a, const struct snapshot *b)
     printf("\"mean_us\":%.1f,\"p50_us\":%.1f,\"p90_us\":%.1f,\"p99_us\":%.1f,\"max_us\":%.1f,\"min_us\":%.1f,",
            n_lat ? sum / (double)n_lat : 0, percentile(.5), percentile(.9), percentile(.99),
            percentile(1), percentile(0));
-    printf("\"exceptions\":%lu,\"exc0a\":%lu,\"exc0b\":%lu,\"timeouts\":%lu,", exc, n_exc[0x0a],
-           n_exc[0x0b], n_timeout);
+    printf("\"exceptions\":%lu,\"exc06\":%lu,\"exc0a\":%lu,\"exc0b\":%lu,\"timeouts\":%lu,", exc, n_exc[0x06],
+           n_exc[0x0a], n_exc[0x0b], n_timeout);
     printf("\"bad_tid\":%lu,\"bad_unit\":%lu,\"bad_data\":%lu,\"bad_frame\":%lu,\"stale\":%lu,", n_bad_tid,
            n_bad_unit, n_bad_data, n_bad_frame, n_stale);
     printf("\"closed\":%lu,\"sent\":%lu,\"conn_fail\":%d,\"idle_ok\":%d,\"idle_closed\":%d,", n_closed,

@@ -29,8 +29,11 @@ def run(
     between: str,
     more_config: str = "",
     beside: AbstractContextManager[None] | None = None,
+    checkout: Path | None = None,
 ) -> Figures:
-    """Measure `gateway` or `relay`, or `direct`, a client on the line itself; a gateway in the context `beside`.
+    """Measure `gateway`, `relay` or `each-byte`, which is the other relay, or `direct`, a client on the line itself.
+
+    A gateway runs in the context `beside`, and may be that of another `checkout`.
 
     Raises:
         BenchError: something has not started, or the load has not come to its end.
@@ -44,7 +47,7 @@ def run(
             if between == "direct":
                 figures = _figures(scenario, _load(scenario, programs.load_on_line(scenario, tools, ttys[0])))
             else:
-                figures = _run(scenario, tools, Path(name), ttys, between, more_config, beside)
+                figures = _run(scenario, tools, Path(name), ttys, between, more_config, beside, checkout)
         finally:
             seen = programs.end(simulator)
         if not seen:
@@ -60,19 +63,20 @@ def _run(
     between: str,
     more_config: str,
     beside: AbstractContextManager[None] | None,
+    checkout: Path | None,
 ) -> Figures:
     others, own = programs.processors()
     port = programs.free_port()
     with ExitStack() as stack:
-        if between == "relay":
-            command = programs.relay(scenario, tools, ttys, port)
+        if between != "gateway":
+            command = programs.relay(scenario, tools, ttys, port, wakes_for_each_byte=between == "each-byte")
         elif scenario.behind_server:
             server = programs.free_port()
             relay = programs.relay(scenario, tools, ttys, server)
             stack.enter_context(_running("server", relay, others, server, folder))
-            command = programs.gateway(scenario, folder, [f"tcp://127.0.0.1:{server}"], port)
+            command = programs.gateway(scenario, folder, [f"tcp://127.0.0.1:{server}"], port, checkout=checkout)
         else:
-            command = programs.gateway(scenario, folder, ttys, port, more_config)
+            command = programs.gateway(scenario, folder, ttys, port, more_config, checkout)
         program = stack.enter_context(_running(between, command, own, port, folder))
         stack.enter_context(beside or nullcontext())
         before = resident(program.pid)
@@ -100,7 +104,7 @@ def _running(name: str, command: list[str | Path], on: set[int], port: int, fold
 def _load(scenario: Scenario, command: list[str | Path]) -> dict[str, Any]:
     generator = programs.start(command, programs.processors()[0], stdout=-1)
     try:
-        output, _ = generator.communicate(timeout=scenario.warmup + scenario.seconds + 60)
+        output, _ = generator.communicate(timeout=scenario.warmup + scenario.seconds + scenario.patience + 60)
     except subprocess.TimeoutExpired as error:
         raise BenchError("the load does not come to its end") from error
     finally:
@@ -111,20 +115,25 @@ def _load(scenario: Scenario, command: list[str | Path]) -> dict[str, Any]:
 
 
 def _figures(scenario: Scenario, counted: dict[str, Any]) -> Figures:
-    """Rates a second, times in milliseconds, `cpu` in microseconds an answer, `memory` in MiB."""
+    """Rates a second, times in milliseconds, `cpu` in microseconds an answer, `memory` in MiB.
+
+    A line with a `queue` of its own may refuse a request: that counts as `refused` and is no fault.
+    """
+    refused = counted["exc06"] if scenario.queue else 0
     return {
         "rate": counted["rate"],
         "of_line": counted["pace"] / scenario.line_limit if scenario.baud else 0.0,
         "p50": counted["p50_us"] / 1000,
         "p99": counted["p99_us"] / 1000,
-        "longest": counted["max_us"] / 1000,
+        "tail": (counted["p99_us"] - counted["p50_us"]) / 1000,
         "cpu": counted["gw_cpu_ms_per_1000"],
         "load": counted["gw_cpu_s"] / counted["seconds"],
         "memory": counted["gw_rss_kb"] / 1024,
         "wrong": sum(counted[kind] for kind in ("bad_tid", "bad_unit", "bad_data", "bad_frame", "stale")),
         "lost": sum(counted[kind] for kind in ("timeouts", "closed", "conn_fail", "idle_closed"))
         + (scenario.idle - counted["idle_ok"]),
-        "exceptions": sum(n for unit, n in counted["exceptions_by"].items() if scenario.lives(int(unit))),
+        "refused": refused / (scenario.warmup + scenario.seconds),
+        "exceptions": sum(n for unit, n in counted["exceptions_by"].items() if scenario.lives(int(unit))) - refused,
     }
 
 

@@ -20,8 +20,6 @@ HERE = Path(__file__).parent
 
 #: How long a program may take to start or to end, in seconds.
 PATIENCE = 20.0
-#: A request that is not answered within so many seconds is lost. Two may pass where a unit of the line is dead.
-ANSWER_WITHIN = 5.0
 #: The kernel gives out those from 32768 on, and tests take others.
 PORTS = range(10_000, 20_000)
 
@@ -36,10 +34,14 @@ class BenchError(Exception):
     """A run has not come to its end; the message says why."""
 
 
-def compile_gateway() -> None:
-    """See that the installed gateway is that of the checkout, and compiled. Nothing of one that PYTHONPATH leads to."""
-    if "PYTHONPATH" not in os.environ:
-        subprocess.run([HERE.parents[1] / "deploy/go", "compile"], check=False)  # it says why not
+def compile_gateway(other: Path | None = None) -> None:
+    """See that the installed gateway is that of the checkout, and compiled. Nothing of one that PYTHONPATH leads to.
+
+    The same for that of an `other` checkout.
+    """
+    ours = [] if "PYTHONPATH" in os.environ else [HERE.parents[1]]
+    for checkout in [*ours, *([other] if other else [])]:
+        subprocess.run([checkout / "deploy/go", "compile"], check=False)  # it says why not
 
 
 def compile_into(folder: Path) -> None:
@@ -101,8 +103,17 @@ def load_on_line(scenario: Scenario, tools: Path, tty: Path) -> list[str | Path]
 
 
 def _load(scenario: Scenario, tools: Path, options: list, targets: list[str]) -> list[str | Path]:
-    words = ["--line-step", scenario.line_step, *options, "--timeout", ANSWER_WITHIN]
-    words += ["--count", scenario.count, "--think", scenario.think, "--exc-think", scenario.think_after_exception]
+    words = ["--line-step", scenario.line_step, *options, "--timeout", scenario.patience]
+    words += [
+        "--pipeline",
+        scenario.in_flight,
+        "--count",
+        scenario.count,
+        "--think",
+        scenario.think,
+        "--exc-think",
+        scenario.think_after_exception,
+    ]
     words += ["--warmup", scenario.warmup, "--seconds", scenario.seconds]
     words += ["--sticky"] * scenario.sticky + ["--span", 1, "--fresh"] * scenario.same_read
     for target in targets:
@@ -110,9 +121,12 @@ def _load(scenario: Scenario, tools: Path, options: list, targets: list[str]) ->
     return [tools / "load", *map(str, words)]
 
 
-def relay(scenario: Scenario, tools: Path, ttys: list[Path], port: int) -> list[str | Path]:
-    """The command of the bare relay."""
+def relay(
+    scenario: Scenario, tools: Path, ttys: list[Path], port: int, *, wakes_for_each_byte: bool = False
+) -> list[str | Path]:
+    """The command of the bare relay, which sleeps until a response can be complete; or else not."""
     options = ["--ascii"] * scenario.is_ascii + (["--gap", "--baud", str(scenario.baud)] if scenario.baud else [])
+    options += ["--each-byte"] * wakes_for_each_byte
     step = scenario.line_step
     return [
         tools / "relay",
@@ -122,11 +136,18 @@ def relay(scenario: Scenario, tools: Path, ttys: list[Path], port: int) -> list[
 
 
 def gateway(
-    scenario: Scenario, folder: Path, places: list[str | Path], port: int, more_config: str = ""
+    scenario: Scenario,
+    folder: Path,
+    places: list[str | Path],
+    port: int,
+    more_config: str = "",
+    checkout: Path | None = None,
 ) -> list[str | Path]:
-    """The command of the gateway; its config is written into `folder`."""
+    """The command of the gateway, or of another checkout's; its config is written into `folder`."""
     file = folder / "gateway.toml"
     file.write_text(config(scenario, folder, places, port) + more_config)
+    if checkout:
+        return ["env", "-u", "PYTHONPATH", checkout.absolute() / ".venv/bin/python", *GATEWAY[1:], file]
     return [*GATEWAY, file]
 
 
@@ -159,7 +180,7 @@ mode     = "{"ascii" if scenario.is_ascii else "rtu"}"
 baud     = {scenario.baud or 115200}
 format   = "{"7E1" if scenario.is_ascii else "8N1"}"
 gap      = "{"auto" if scenario.baud else "0"}"
-queue    = {max(64, scenario.clients)}
+queue    = {scenario.queue or max(64, scenario.clients)}
 max_wait = "30 s"
 coalesce = {json.dumps(scenario.coalesce)}
 devices  = [{{ {units}, name = "line{number}-*", timeout = "{scenario.timeout} ms" }}]

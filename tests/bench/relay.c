@@ -1,7 +1,7 @@
 /*
  * relay - a bare relay of Modbus TCP to RTU or ASCII: the floor of all figures.
  *
- *   relay [--ascii] [--gap --baud N [--bits N]] TTY=PORT[:FROM-TO] ...
+ *   relay [--ascii] [--gap --baud N [--bits N] [--each-byte]] TTY=PORT[:FROM-TO] ...
  *
  *   TTY=PORT           every unit asked for on 127.0.0.1:PORT lives on TTY
  *   TTY=PORT:FROM-TO   units FROM..TO of that port are units 1.. on TTY; so
@@ -9,6 +9,8 @@
  *   --gap              keep t3.5 between a response and the next request (RTU),
  *                      and do not look at the line before a response can be
  *                      complete (timerfd); needs --baud, --bits is 10 (8N1) by default
+ *   --each-byte        wake up for each byte of a response all the same: what
+ *                      it costs who does not know how long a response will be
  *
  * It does what no gateway can leave out: read the socket, cut the stream into
  * ADUs, queue per line, add the check sum, write the line, read it, check the sum,
@@ -79,7 +81,7 @@ static struct line lines[MAX_LINES];
 static struct listener listeners[MAX_LINES];
 static struct client clients[MAX_CLIENTS];
 static int n_lines, n_listeners, ep, ascii;
-static int64_t gap_ns, char_ns;
+static int64_t gap_ns, char_ns;   /* char_ns: 0 to wake for each byte */
 
 static void die(const char *what)
 {
@@ -336,7 +338,7 @@ static void add_line(char *arg)
 
 int main(int argc, char **argv)
 {
-    int keep_gap = 0;
+    int keep_gap = 0, each_byte = 0;
     long baud = 0, bits = 10;
     struct epoll_event ev[64];
     wire_init();
@@ -348,6 +350,8 @@ int main(int argc, char **argv)
             keep_gap = 1;
         else if (!strcmp(argv[i], "--ascii"))
             ascii = 1;
+        else if (!strcmp(argv[i], "--each-byte"))
+            each_byte = 1;
         else if (!strcmp(argv[i], "--baud") && i + 1 < argc)
             baud = atol(argv[++i]);
         else if (!strcmp(argv[i], "--bits") && i + 1 < argc)
@@ -356,12 +360,13 @@ int main(int argc, char **argv)
             add_line(argv[i]);
     }
     if (!n_lines || (keep_gap && baud <= 0)) {
-        fprintf(stderr, "usage: relay [--ascii] [--gap --baud N [--bits N]] TTY=PORT[:FROM-TO] ...\n");
+        fprintf(stderr, "usage: relay [--ascii] [--gap --baud N [--bits N] [--each-byte]] TTY=PORT[:FROM-TO] ...\n");
         return 2;
     }
     if (keep_gap) {
-        char_ns = bits * 1000000000LL / baud;
-        gap_ns = ascii ? 0 : baud > 19200 ? 1750000 : char_ns * 7 / 2;
+        long long character = bits * 1000000000LL / baud;
+        gap_ns = ascii ? 0 : baud > 19200 ? 1750000 : character * 7 / 2;
+        char_ns = each_byte ? 0 : character;
     }
     for (;;) {
         int n = epoll_wait(ep, ev, 64, -1);
