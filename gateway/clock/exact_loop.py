@@ -14,6 +14,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Final, TypeVar
 
+from gateway.clock.system_calls import wait_of
 from gateway.clock.waiter import Waiter
 
 T = TypeVar("T")
@@ -53,7 +54,8 @@ class ExactSelector(selectors.EpollSelector):
 
     def __init__(self) -> None:
         super().__init__()
-        self.waiter = Waiter(self._selector, self.fileno())  # type: ignore[attr-defined]  # private, so not in the stubs
+        epoll = self._selector  # type: ignore[attr-defined]  # private, so not in the stubs
+        self.waiter = Waiter(epoll, wait_of(epoll))
         self.select = self.waiter.wait  # type: ignore[assignment,method-assign]  # for its loop
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:

@@ -1,8 +1,8 @@
 """The waiting of the event loop, with calls for ready descriptors and due times. Compiled (ADR 12).
 
 asyncio waits in `epoll_wait`, which counts in milliseconds. Above 19200 baud, t3.5 is 1.75 ms, so a millisecond is a
-tenth of what a fast line can carry. `select` counts in microseconds, and can wait for the descriptor of an epoll. Why
-not a timer descriptor for each line: docs/adr/0009-exact-timers.md
+tenth of what a fast line can carry. How this waits instead: gateway/clock/system_calls.py. Why not a timer descriptor
+for each line: docs/adr/0009-exact-timers.md
 """
 
 import asyncio
@@ -15,12 +15,8 @@ from math import inf
 from time import monotonic
 from typing import Final
 
-#: `select` is used for the last part of a wait, in seconds. Silences and frames are shorter, most time limits longer.
-EXACT_PART: Final = 0.06
-#: `select` supports only descriptors below this number (select(2)).
-SELECTABLE: Final = 1024
-#: This many descriptors are looked at between two looks at the timers.
-_BATCH: Final = 64
+from gateway.clock.system_calls import Wait
+
 #: The longest wait in seconds, a day as in asyncio: `epoll` takes no more than 24 days.
 _LONGEST: Final = 86400.0
 #: Looking these up in their module would cost as much as calling them.
@@ -29,6 +25,9 @@ _INF: Final = inf
 #: Events of epoll: a descriptor can be read from, or written to.
 _READABLE: Final = select.EPOLLIN
 _WRITABLE: Final = select.EPOLLOUT
+_UNKNOWN: Final = -1
+#: The length of what a wait returns for one ready descriptor, which is usual.
+_ONE: Final = 2
 
 
 class Callback:
@@ -41,26 +40,41 @@ class Callback:
         self.is_over = False
 
 
-#: The callbacks of a descriptor: to read, and to write.
-Callbacks = tuple[Callback | None, Callback | None]
+class Interest:
+    """What waits for a descriptor, to read and to write, and which events its epoll reports."""
+
+    def __init__(self, descriptor: int, reader: Callback | None, writer: Callback | None) -> None:
+        self.descriptor: Final = descriptor
+        self.reader: Final = reader
+        self.writer: Final = writer
+        #: Whether it is not to be read from.
+        self.is_masked = False
+        self.reported = self.wanted
+
+    @property
+    def wanted(self) -> int:
+        """The events to be reported; epoll adds the end of a connection."""
+        reading = 0 if self.is_masked or self.reader is None else _READABLE
+        return reading if self.writer is None else reading | _WRITABLE
 
 
 class Waiter:
-    """Waits with `epoll`, whose own descriptor is `descriptor`, and calls what is ready or due.
+    """Waits with `wait_really` for the descriptors of `epoll`, and calls what is ready or due.
 
-    `callbacks` has a descriptor as key. The loop that it serves sets three attributes: `ready`, the handles that the
+    The loop that it serves sets three attributes: `ready`, the handles that the
     loop calls itself; `call_soon`, which adds a callback to them; and `failed`, which takes the error of a callback.
     Handles that are in `ready` when a wait begins are called first, as in asyncio.
     """
 
-    def __init__(self, epoll: select.epoll, descriptor: int) -> None:
-        self.callbacks: dict[int, Callbacks] = {}
+    def __init__(self, epoll: select.epoll, wait_really: Wait) -> None:
         self.ready: deque[asyncio.Handle] = deque()
         self.call_soon: Callable[[Callable[[], None]], object] = _serves_no_loop
         self.failed: Callable[[BaseException], None] = _serves_no_loop
         self._epoll = epoll
-        self._descriptor = descriptor
-        self._masked: set[int] = set()
+        self._wait_really = wait_really
+        #: By descriptor; and those whose events may have to be changed before the next wait.
+        self._interests: dict[int, Interest] = {}
+        self._changed: list[Interest] = []
         #: Times and callbacks; the number between them keeps the order of equal times.
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._number = 0
@@ -78,8 +92,9 @@ class Waiter:
         self._ends_at = _INF if timeout is None else now + timeout
         while True:
             due = self._due[0][0] if self._due else _INF
-            wait = min(self._ends_at, due) - now
-            self._poll(min(wait, _LONGEST))
+            if self._changed:
+                self._report_changed()
+            self._call_ready(self._wait_really(min(min(self._ends_at, due) - now, _LONGEST)))
             now = _now()
             self._call_due(now)
             if self.ready or self._ends_at <= now:
@@ -97,70 +112,79 @@ class Waiter:
     def register(self, descriptor: int, handles: tuple[asyncio.Handle | None, asyncio.Handle | None]) -> None:
         """Have these handles wait for the descriptor: one to read, one to write."""
         reader, writer = handles
-        self._end(descriptor, reader, writer)
-        self.callbacks[descriptor] = (
+        before = self._end(descriptor, reader, writer)
+        interest = Interest(
+            descriptor,
             None if reader is None else Callback(reader),
             None if writer is None else Callback(writer),
         )
-        if descriptor in self._masked:
-            self.mask(descriptor, is_masked=reader is not None)
+        self._interests[descriptor] = interest
+        if before is not None:
+            interest.is_masked = before.is_masked and reader is not None
+            interest.reported = _UNKNOWN  # a selector leaves alone what seems the same to it
+            self._changed.append(interest)
 
     def unregister(self, descriptor: int) -> None:
         """Forget the descriptor: nothing waits for it any more."""
         self._end(descriptor)
-        del self.callbacks[descriptor]
-        self._masked.discard(descriptor)
+        del self._interests[descriptor]
 
     def mask(self, descriptor: int, *, is_masked: bool) -> None:
         """Stop reading from a descriptor, but notice when its connection is lost; unless `is_masked`, read again.
 
-        This takes a fifth of the time of unregistering and registering.
+        This takes a fifth of the time of unregistering and registering; and nothing if the opposite follows before the
+        next wait.
         """
-        reader, writer = self.callbacks[descriptor]
-        if is_masked:
-            self._masked.add(descriptor)
-        else:
-            self._masked.discard(descriptor)
-        reading = 0 if is_masked or reader is None else _READABLE
-        self._epoll.modify(descriptor, reading if writer is None else reading | _WRITABLE)
+        interest = self._interests[descriptor]
+        interest.is_masked = is_masked
+        self._changed.append(interest)
 
-    def _end(self, descriptor: int, *going_on: asyncio.Handle | None) -> None:
+    def _report_changed(self) -> None:
+        """Have epoll report what is wanted by now."""
+        for interest in self._changed:
+            wanted = interest.wanted
+            if interest.reported != wanted and self._interests.get(interest.descriptor) is interest:
+                self._epoll.modify(interest.descriptor, wanted)
+                interest.reported = wanted
+        self._changed.clear()
+
+    def _end(self, descriptor: int, *going_on: asyncio.Handle | None) -> Interest | None:
         """End the callbacks of a descriptor, even those that are ready, except for the handles `going_on`."""
-        for callback in self.callbacks.get(descriptor) or ():
-            if callback is not None and callback.handle not in going_on:
-                callback.is_over = True
+        interest = self._interests.get(descriptor)
+        if interest is not None:
+            for callback in (interest.reader, interest.writer):
+                if callback is not None and callback.handle not in going_on:
+                    callback.is_over = True
+        return interest
 
-    def _poll(self, timeout: float) -> None:
-        """Wait once, for `timeout` seconds or less, and call what is ready."""
-        if timeout <= 0.0:
-            self._call_ready(0.0)
-        elif self._descriptor >= SELECTABLE:
-            self._call_ready(timeout)
-        elif timeout > EXACT_PART:
-            self._call_ready(timeout - EXACT_PART)
-        elif select.select((self._descriptor,), (), (), timeout)[0]:
-            self._call_ready(0.0)
+    def _call_ready(self, found: tuple[int, ...]) -> None:
+        """Call what waits for the descriptors that a wait has found.
 
-    def _call_ready(self, wait: float) -> None:
-        """Call the callbacks that are ready within `wait` seconds, except those that another one has just ended.
-
-        If others must be called first, leave them to the loop.
+        All of it is looked up before any of it is called: a callback may close a descriptor and open another one with
+        its number.
         """
-        ready = []
-        for descriptor, events in self._epoll.poll(wait, _BATCH):
-            callbacks = self.callbacks.get(descriptor)
-            if callbacks is None:
-                continue
-            reader, writer = callbacks
-            if reader is not None and events & ~_WRITABLE:  # the end of a connection is for both
-                ready.append(reader)
-            if writer is not None and events & ~_READABLE:
-                ready.append(writer)
-        for callback in ready:
-            if self._is_behind:
-                self.ready.append(callback.handle)
-            elif not callback.is_over:
-                self._call(callback.call)
+        if len(found) == _ONE:
+            self._call_interested(self._interests.get(found[0]), found[1])
+            return
+        interests = [self._interests.get(descriptor) for descriptor in found[::2]]
+        for number, interest in enumerate(interests):
+            self._call_interested(interest, found[2 * number + 1])
+
+    def _call_interested(self, interest: Interest | None, events: int) -> None:
+        """Call what waits for one of the events of a descriptor; the end of a connection is for both."""
+        if interest is None:
+            return
+        if interest.reader is not None and events & ~_WRITABLE:
+            self._call_unless_over(interest.reader)
+        if interest.writer is not None and events & ~_READABLE:
+            self._call_unless_over(interest.writer)
+
+    def _call_unless_over(self, callback: Callback) -> None:
+        """Call it unless another one has just ended it. If others must be called first, leave it to the loop."""
+        if self._is_behind:
+            self.ready.append(callback.handle)
+        elif not callback.is_over:
+            self._call(callback.call)
 
     def _call_due(self, now: float) -> None:
         """Call what is due, but not yet what these calls add: ready descriptors come first."""

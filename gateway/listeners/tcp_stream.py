@@ -5,16 +5,13 @@ It is a reduced transport of asyncio, with half the instructions.
 
 import asyncio
 import socket
-from fcntl import ioctl
-from termios import FIONREAD
 from typing import Final, Protocol
 
-#: The buffer for the number of unread bytes (an immutable one would cost `ioctl` an error), and its content for none.
-_unread: Final = bytearray(4)
-_NONE: Final = bytes(4)
-#: Looking them up in their modules would cost as much as calling them.
-_ask_system: Final = ioctl
-_UNREAD: Final = FIONREAD
+from gateway.clock.system_calls import read_into, write
+
+#: Looking them up in their module would cost as much as calling them.
+_read_into: Final = read_into
+_write: Final = write
 
 
 class StreamUser(Protocol):
@@ -80,13 +77,8 @@ class TcpStream:
         """Copy received bytes into `room`. Return their number. The end of the stream is left to the loop."""
         if self._is_closing:
             return 0
-        _ask_system(self._descriptor, _UNREAD, _unread)
-        if _unread == _NONE:
-            return 0  # an error of `recv` would take ten times as many instructions
         try:
-            return self._socket.recv_into(room)
-        except (BlockingIOError, InterruptedError):
-            return 0
+            return max(0, _read_into(self._descriptor, room))
         except OSError as error:
             self._abort(error)
             return 0
@@ -99,9 +91,7 @@ class TcpStream:
             self._keep(data)
             return
         try:
-            sent = self._socket.send(data)
-        except (BlockingIOError, InterruptedError):
-            sent = 0
+            sent = _write(self._descriptor, data)
         except OSError as error:
             self._abort(error)
             return
@@ -130,15 +120,15 @@ class TcpStream:
         if not len(room):
             return  # not the end: the user has yet to process its bytes
         try:
-            count = self._socket.recv_into(room)
-        except (BlockingIOError, InterruptedError):
-            return
+            count = _read_into(self._descriptor, room)
         except OSError as error:
             self._abort(error)
             return
-        if count:
+        if count > 0:
             user.buffer_updated(count)
             return
+        if count < 0:
+            return  # nothing yet, all the same
         self._has_peer_ended = True
         self.pause_reading()
         user.eof_received()
@@ -152,9 +142,7 @@ class TcpStream:
 
     def _send_kept(self) -> None:
         try:
-            sent = self._socket.send(self._unsent)
-        except (BlockingIOError, InterruptedError):
-            return
+            sent = _write(self._descriptor, self._unsent)
         except OSError as error:
             self._abort(error)
             return
@@ -182,6 +170,7 @@ class TcpStream:
         if self._user is None:
             return
         user, self._user = self._user, None
+        self._descriptor = -1  # another connection may soon have its number
         self._socket.close()
         user.connection_lost(error)
 

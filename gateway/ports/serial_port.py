@@ -4,12 +4,11 @@ Rare events are in gateway/ports/serial_transport.py. Why two: docs/adr/0015-ser
 """
 
 import asyncio
-import os
 import re
-import select
 from typing import ClassVar, Final
 
 from gateway.clock.exact_loop import ExactLoop
+from gateway.clock.system_calls import read, write
 from gateway.errors import PortError
 from gateway.hardware.ioctls import count_errors
 from gateway.ports.opening import DriverError, OpenDevice, explain_loss
@@ -23,6 +22,9 @@ PIECES_OF_A_TERMINAL: Final = 16
 #: The most pieces in one turn of the event loop; then others get a turn.
 PIECES_IN_A_TURN: Final = 4
 
+#: Looking them up in their module would cost as much as calling them.
+_read: Final = read
+_write: Final = write
 _FF: Final = b"\xff"
 #: FF FF is one FF. FF, NUL and a character mean a parity error, a framing error or a break.
 _MARK: Final = re.compile(rb"(\xff\xff)|((?:\xff\x00.)+)", re.DOTALL)
@@ -50,9 +52,6 @@ class SerialPort:
         self._is_paused = False
         #: Whether the transport may hold unsent bytes.
         self._is_behind = False
-        #: Tells whether there is something to read; an error of `read` would take ten times as many instructions.
-        self._unread = select.poll()
-        self._unread.register(self._descriptor, select.POLLIN)
         self._errors_before = count_errors(self._descriptor)
 
     @property
@@ -95,7 +94,7 @@ class SerialPort:
             else:
                 self._transport.resume_reading()
         for _ in range(PIECES_OF_A_TERMINAL):
-            if not (self._unread.poll(0) and self._deliver()):
+            if not self._deliver():
                 return
 
     def change_baud(self, baud: int) -> None:
@@ -130,11 +129,11 @@ class SerialPort:
     def _read(self) -> bytes:
         """Read what the driver has; empty if there is nothing, or the port is lost."""
         try:
-            data = os.read(self._descriptor, READ_SIZE)
-        except (BlockingIOError, InterruptedError):
-            return b""
+            data = _read(self._descriptor, READ_SIZE)
         except DriverError as error:
             self._transport.lose(PortError(explain_loss(self._name, error)))
+            return b""
+        if data is None:
             return b""
         if not data:
             self._transport.lose(PortError(f"{self._name} is gone: unplugged, or its driver has closed it"))
@@ -143,9 +142,7 @@ class SerialPort:
     def _send(self, data: bytes) -> int:
         """Write to the driver. Return how many bytes it has taken."""
         try:
-            return os.write(self._descriptor, data)
-        except (BlockingIOError, InterruptedError):
-            return 0
+            return _write(self._descriptor, data)
         except DriverError as error:
             self._transport.lose(PortError(explain_loss(self._name, error)))
             return 0

@@ -9,6 +9,7 @@ import ssl
 from contextlib import suppress
 from typing import Any, Final, cast
 
+from gateway.clock.system_calls import read
 from gateway.errors import ConnectionEnded, PortClosed, PortError
 from gateway.hardware.ioctls import count_unsent
 from gateway.ports.network import AddressInfo, look_up, notice_vanished_peers
@@ -157,18 +158,19 @@ class TcpPort(asyncio.BufferedProtocol):
         """
         if self._early:
             self._deliver_early()
-        if self._transport.is_closing() or not self._poll.poll(0):  # usually nothing: a read would raise that
+        if self._transport.is_closing():
             return
         if self._is_secured:
-            self._abort(ConnectionEnded(f"{self._name} has closed the connection"))
-            self._lose()
+            if self._poll.poll(0):
+                self._abort(ConnectionEnded(f"{self._name} has closed the connection"))
+                self._lose()
             return
         try:
-            data = os.read(self._descriptor, READ_SIZE)
-        except (BlockingIOError, InterruptedError):
-            return
+            data = read(self._descriptor, READ_SIZE)
         except OSError as error:
             self._abort(self._explain_loss(error))
+            return
+        if data is None:
             return
         if data:
             self._deliver(data)

@@ -16,7 +16,9 @@
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
+#include <poll.h>
 #include <signal.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,11 +32,14 @@
 #define LOOKS 3
 #define PAUSE 300000
 #define MOST 64
+/* The number of the call on every machine. */
+#define EPOLL_PWAIT2 441
 
 static volatile sig_atomic_t wanted;
 static int (*wait_really)(int, struct epoll_event *, int, int);
 static int (*select_really)(int, fd_set *, fd_set *, fd_set *, struct timeval *);
 static int (*time_really)(clockid_t, struct timespec *);
+static long (*call_really)(long, ...);
 static const char *beside;
 static long long step, now; /* now: nanoseconds of the gateway's clock, 0 unless it is this one */
 
@@ -48,6 +53,7 @@ __attribute__((constructor)) static void prepare(void)
     wait_really = (int (*)(int, struct epoll_event *, int, int))dlsym(RTLD_NEXT, "epoll_wait");
     select_really = (int (*)(int, fd_set *, fd_set *, fd_set *, struct timeval *))dlsym(RTLD_NEXT, "select");
     time_really = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, "clock_gettime");
+    call_really = (long (*)(long, ...))dlsym(RTLD_NEXT, "syscall");
     beside = getenv("COUNT_BESIDE") ? getenv("COUNT_BESIDE") : "";
     step = getenv("COUNT_STEP") ? atoll(getenv("COUNT_STEP")) : 0;
     signal(SIGUSR1, take);
@@ -108,7 +114,8 @@ static int newer(const void *one, const void *other)
     return ((const struct epoll_event *)other)->data.fd - ((const struct epoll_event *)one)->data.fd;
 }
 
-int epoll_wait(int poll, struct epoll_event *events, int most, int timeout)
+/* Before a wait: begin or end to count, if that is wanted, and see that nothing more comes. */
+static void before_wait(int poll)
 {
     if (wanted == SIGUSR1) {
         wanted = 0;
@@ -129,15 +136,49 @@ int epoll_wait(int poll, struct epoll_event *events, int most, int timeout)
         now += step;
         CALLGRIND_TOGGLE_COLLECT;
     }
-    int count = wait_really(poll, events, most, timeout);
+}
+
+/* After a wait of at most so many nanoseconds. */
+static void after_wait(struct epoll_event *events, int count, long long timeout)
+{
     if (now) {
         CALLGRIND_TOGGLE_COLLECT;
         if (count > 1)
             qsort(events, (size_t)count, sizeof *events, newer);
         if (count == 0 && timeout > 0)
-            now += timeout * 1000000LL;
+            now += timeout;
         CALLGRIND_TOGGLE_COLLECT;
     }
+}
+
+int epoll_wait(int poll, struct epoll_event *events, int most, int timeout)
+{
+    before_wait(poll);
+    int count = wait_really(poll, events, most, timeout);
+    after_wait(events, count, timeout * 1000000LL);
+    return count;
+}
+
+/* `epoll_pwait2`, which valgrind does not know, and whatever else is called by its number. */
+long syscall(long number, ...)
+{
+    long a[6];
+    va_list arguments;
+    va_start(arguments, number);
+    for (int i = 0; i < 6; i++)
+        a[i] = va_arg(arguments, long);
+    va_end(arguments);
+    if (number != EPOLL_PWAIT2 || !RUNNING_ON_VALGRIND)
+        return call_really(number, a[0], a[1], a[2], a[3], a[4], a[5]);
+    int poll = (int)a[0];
+    struct epoll_event *events = (struct epoll_event *)a[1];
+    const struct timespec *timeout = (const struct timespec *)a[3];
+    before_wait(poll);
+    struct pollfd own = {poll, POLLIN, 0};
+    int count = ppoll(&own, 1, timeout, NULL);
+    if (count > 0)
+        count = wait_really(poll, events, (int)a[2], 0);
+    after_wait(events, count, timeout->tv_sec * 1000000000LL + timeout->tv_nsec);
     return count;
 }
 

@@ -55,7 +55,7 @@ MOST = 125
 #: No gateway takes longer to start, to answer or to end under valgrind, in seconds.
 PATIENCE = 120.0
 #: The system calls that are named in the table.
-NAMED = ("read", "write", "recvfrom", "sendto", "epoll_wait", "epoll_ctl", "pselect6")
+NAMED = ("read", "write", "recvfrom", "sendto", "epoll_wait", "epoll_pwait2", "epoll_ctl")
 
 
 #: How far the gateway's clock goes on at each wait, in nanoseconds.
