@@ -126,12 +126,30 @@ static int wait_exactly(int poll, struct epoll_event *found, double seconds)
     return count > 0 ? epoll_wait(poll, found, MOST_FOUND, 0) : count;
 }
 
+/* What `known` has for each of these descriptors, and its events. */
+static PyObject *as_tuple(const struct epoll_event *found, int count, PyObject *known)
+{
+    PyObject *result = PyTuple_New(2 * count);
+    for (int i = 0; result != NULL && i < count; i++) {
+        PyObject *descriptor = PyLong_FromLong(found[i].data.fd);
+        PyObject *its = descriptor == NULL ? NULL : PyDict_GetItemWithError(known, descriptor);
+        Py_XDECREF(descriptor);
+        PyTuple_SET_ITEM(result, 2 * i, Py_NewRef(its == NULL ? Py_None : its));
+        PyTuple_SET_ITEM(result, 2 * i + 1, PyLong_FromUnsignedLong(found[i].events));
+    }
+    if (result != NULL && PyErr_Occurred())
+        Py_CLEAR(result);
+    return result;
+}
+
 /* `poll` is the number of the epoll. Only what may really wait hands the interpreter over to other threads. */
-static PyObject *wait_with(PyObject *poll, PyObject *argument)
+static PyObject *wait_with(PyObject *poll, PyObject *const *arguments, Py_ssize_t argument_count)
 {
     struct epoll_event found[MOST_FOUND];
     int count, descriptor = (int)PyLong_AsLong(poll);
-    double seconds = PyFloat_AsDouble(argument);
+    if (argument_count != 2 || !PyDict_Check(arguments[1]))
+        return PyErr_Format(PyExc_TypeError, "seconds and a dict are needed");
+    double seconds = PyFloat_AsDouble(arguments[0]);
     if (PyErr_Occurred())
         return NULL;
     if (seconds > 0.0) {
@@ -143,21 +161,12 @@ static PyObject *wait_with(PyObject *poll, PyObject *argument)
     }
     if (is_interrupted(count))
         count = 0;
-    if (count < 0)
-        return failed();
-    PyObject *result = PyTuple_New(2 * count);
-    for (int i = 0; result != NULL && i < count; i++) {
-        PyTuple_SET_ITEM(result, 2 * i, PyLong_FromLong(found[i].data.fd));
-        PyTuple_SET_ITEM(result, 2 * i + 1, PyLong_FromUnsignedLong(found[i].events));
-    }
-    if (result != NULL && PyErr_Occurred())
-        Py_CLEAR(result);
-    return result;
+    return count < 0 ? failed() : as_tuple(found, count, arguments[1]);
 }
 
 static PyObject *wait_of(PyObject *Py_UNUSED(module), PyObject *poll)
 {
-    static PyMethodDef wait = {"wait", wait_with, METH_O, NULL};
+    static PyMethodDef wait = {"wait", (PyCFunction)(void (*)(void))wait_with, METH_FASTCALL, NULL};
     int descriptor = PyObject_AsFileDescriptor(poll);
     PyObject *number = descriptor < 0 ? NULL : PyLong_FromLong(descriptor);
     PyObject *bound = number == NULL ? NULL : PyCFunction_New(&wait, number);

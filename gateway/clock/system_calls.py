@@ -8,11 +8,11 @@ import select
 from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
-from typing import Final
+from typing import Any, Final
 
-#: Waits for at most so many seconds, for none or less not at all. Returns the ready descriptors, MOST_FOUND at most,
-#: each followed by its events. A signal may end it early.
-Wait = Callable[[float], tuple[int, ...]]
+#: Waits for at most so many seconds, for none or less not at all. Returns what a dict has for each ready descriptor, or
+#: None, followed by its events; for MOST_FOUND at most. A signal may end it early.
+Wait = Callable[[float, dict[int, Any]], tuple[Any, ...]]
 
 #: The most bytes of one `read`.
 MOST_READ: Final = 4096
@@ -67,14 +67,15 @@ def wait_of(epoll: select.epoll) -> Wait:
     """
     descriptor = epoll.fileno()
 
-    def wait(seconds: float) -> tuple[int, ...]:
+    def wait(seconds: float, known: dict[int, Any]) -> tuple[Any, ...]:
         if 0.0 < seconds <= EXACT_PART and descriptor < SELECTABLE:
             if not select.select((descriptor,), (), (), seconds)[0]:
                 return ()
             seconds = 0.0
         elif seconds > EXACT_PART:
             seconds -= EXACT_PART
-        return tuple(number for found in epoll.poll(max(seconds, 0.0), MOST_FOUND) for number in found)
+        found = epoll.poll(max(seconds, 0.0), MOST_FOUND)
+        return tuple(each for number, events in found for each in (known.get(number), events))
 
     return wait
 

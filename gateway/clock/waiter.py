@@ -13,7 +13,7 @@ from functools import partial
 from heapq import heappop, heappush
 from math import inf
 from time import monotonic
-from typing import Final
+from typing import Any, Final
 
 from gateway.clock.system_calls import Wait
 
@@ -25,9 +25,8 @@ _INF: Final = inf
 #: Events of epoll: a descriptor can be read from, or written to.
 _READABLE: Final = select.EPOLLIN
 _WRITABLE: Final = select.EPOLLOUT
+#: In place of events: nobody knows which ones are reported.
 _UNKNOWN: Final = -1
-#: The length of what a wait returns for one ready descriptor, which is usual.
-_ONE: Final = 2
 
 
 class Callback:
@@ -94,7 +93,8 @@ class Waiter:
             due = self._due[0][0] if self._due else _INF
             if self._changed:
                 self._report_changed()
-            self._call_ready(self._wait_really(min(min(self._ends_at, due) - now, _LONGEST)))
+            wait = min(min(self._ends_at, due) - now, _LONGEST)
+            self._call_ready(self._wait_really(wait, self._interests))
             now = _now()
             self._call_due(now)
             if self.ready or self._ends_at <= now:
@@ -157,27 +157,20 @@ class Waiter:
                     callback.is_over = True
         return interest
 
-    def _call_ready(self, found: tuple[int, ...]) -> None:
-        """Call what waits for the descriptors that a wait has found.
+    def _call_ready(self, found: tuple[Any, ...]) -> None:
+        """Call what waits for one of the events that a wait has found; the end of a connection is for both.
 
-        All of it is looked up before any of it is called: a callback may close a descriptor and open another one with
-        its number.
+        Who was ready is known before any of it is called: it may close a descriptor, and another one have its number.
         """
-        if len(found) == _ONE:
-            self._call_interested(self._interests.get(found[0]), found[1])
-            return
-        interests = [self._interests.get(descriptor) for descriptor in found[::2]]
-        for number, interest in enumerate(interests):
-            self._call_interested(interest, found[2 * number + 1])
-
-    def _call_interested(self, interest: Interest | None, events: int) -> None:
-        """Call what waits for one of the events of a descriptor; the end of a connection is for both."""
-        if interest is None:
-            return
-        if interest.reader is not None and events & ~_WRITABLE:
-            self._call_unless_over(interest.reader)
-        if interest.writer is not None and events & ~_READABLE:
-            self._call_unless_over(interest.writer)
+        for at in range(0, len(found), 2):
+            interest: Interest | None = found[at]
+            events: int = found[at + 1]
+            if interest is None:
+                continue
+            if interest.reader is not None and events & ~_WRITABLE:
+                self._call_unless_over(interest.reader)
+            if interest.writer is not None and events & ~_READABLE:
+                self._call_unless_over(interest.writer)
 
     def _call_unless_over(self, callback: Callback) -> None:
         """Call it unless another one has just ended it. If others must be called first, leave it to the loop."""

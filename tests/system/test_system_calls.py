@@ -6,6 +6,7 @@ import resource
 import select
 import signal
 import socket
+import sys
 import threading
 import time
 import tracemalloc
@@ -173,26 +174,29 @@ def test_a_wait_finds_who_is_ready_and_why(calls, epoll, pair):
     near, far = pair
     epoll.register(near, select.EPOLLIN)
     epoll.register(far, select.EPOLLIN | select.EPOLLOUT)
-    wait = calls.wait_of(epoll)
-    assert wait(0.0) == (far.fileno(), select.EPOLLOUT)
+    wait, known = calls.wait_of(epoll), {near.fileno(): "near", far.fileno(): "far"}
+    assert wait(0.0, known) == ("far", select.EPOLLOUT)
     far.send(b"x")
-    found = wait(PATIENCE)
-    assert dict(zip(found[::2], found[1::2], strict=True)) == {
-        near.fileno(): select.EPOLLIN,
-        far.fileno(): select.EPOLLOUT,
-    }
+    found = wait(PATIENCE, known)
+    assert dict(zip(found[::2], found[1::2], strict=True)) == {"near": select.EPOLLIN, "far": select.EPOLLOUT}
+
+
+def test_a_wait_has_nothing_for_a_descriptor_that_is_not_known(calls, epoll, pair):
+    near, _ = pair
+    epoll.register(near, select.EPOLLOUT)
+    assert calls.wait_of(epoll)(0.0, {}) == (None, select.EPOLLOUT)
 
 
 def test_a_wait_finds_the_end_of_a_connection(calls, epoll, pair):
     near, far = pair
     epoll.register(near, 0)
     far.close()
-    assert calls.wait_of(epoll)(PATIENCE) == (near.fileno(), select.EPOLLHUP)
+    assert calls.wait_of(epoll)(PATIENCE, {near.fileno(): near}) == (near, select.EPOLLHUP)
 
 
 @pytest.mark.parametrize("seconds", [-1.0, 0.0])
 def test_who_shall_not_wait_does_not(calls, epoll, seconds):
-    assert calls.wait_of(epoll)(seconds) == ()
+    assert calls.wait_of(epoll)(seconds, {}) == ()
 
 
 @pytest.mark.parametrize("seconds", [0.0004, 0.0012, 0.0122, EXACT_PART - 0.0008])
@@ -201,7 +205,7 @@ def test_a_wait_is_as_long_as_it_shall_be_and_no_shorter(calls, epoll, seconds):
     waited = []
     for _ in range(100):
         began = time.monotonic()
-        assert wait(seconds) == ()
+        assert wait(seconds, {}) == ()
         waited.append(time.monotonic() - began)
     assert min(waited) >= seconds - 0.000_002  # `select` counts in microseconds
     assert min(waited) < seconds + 0.0005
@@ -209,14 +213,14 @@ def test_a_wait_is_as_long_as_it_shall_be_and_no_shorter(calls, epoll, seconds):
 
 def test_in_c_a_long_wait_is_one_too(in_c, epoll):
     began = time.monotonic()
-    assert in_c.wait_of(epoll)(2 * EXACT_PART) == ()
+    assert in_c.wait_of(epoll)(2 * EXACT_PART, {}) == ()
     assert time.monotonic() - began >= 2 * EXACT_PART
 
 
 def test_in_python_a_long_wait_ends_before_its_exact_part(in_python, epoll):
     wait = in_python.wait_of(epoll)
     began = time.monotonic()
-    assert wait(3 * EXACT_PART) == ()
+    assert wait(3 * EXACT_PART, {}) == ()
     assert time.monotonic() - began >= 2 * EXACT_PART
 
 
@@ -225,7 +229,7 @@ def test_a_wait_that_would_last_for_days_ends_when_somebody_is_ready(calls, epol
     epoll.register(near, select.EPOLLIN)
     sender = threading.Timer(0.05, far.send, (b"x",))
     sender.start()
-    assert calls.wait_of(epoll)(86400.0) == (near.fileno(), select.EPOLLIN)
+    assert calls.wait_of(epoll)(86400.0, {near.fileno(): near}) == (near, select.EPOLLIN)
     sender.join()
 
 
@@ -245,15 +249,17 @@ def test_descriptors_beyond_those_of_select_are_waited_for(calls):
             epoll.register(near, select.EPOLLIN | select.EPOLLET)
         wait = calls.wait_of(epoll)
         began = time.monotonic()
-        assert wait(0.002) == ()
+        assert wait(0.002, {}) == ()
         assert time.monotonic() - began >= 0.002
         for _, far in pairs:
             far.send(b"x")
         found = []
-        while ready := wait(0.0):
+        known = {near.fileno(): near for near, _ in pairs}
+        while ready := wait(0.0, known):
             assert len(ready) <= 2 * MOST_FOUND
             found += ready[::2]
-        assert sorted(found) == sorted(near.fileno() for near, _ in pairs)
+        assert {*found} == {near for near, _ in pairs}
+        assert len(found) == len(pairs)
 
 
 @pytest.fixture
@@ -278,7 +284,7 @@ def test_a_signal_is_handled_in_a_wait(calls, epoll, alarm, seconds):
     until = time.monotonic() + seconds
     wait = calls.wait_of(epoll)
     while (left := until - time.monotonic()) > 0.0:
-        assert wait(left) == ()
+        assert wait(left, {}) == ()
         if alarm["called"]:
             break
     assert alarm["called"] == 1
@@ -288,7 +294,7 @@ def test_what_the_handler_of_a_signal_raises_ends_a_wait(calls, epoll, alarm):
     alarm["raised"] = KeyboardInterrupt
     wait = calls.wait_of(epoll)
     with pytest.raises(KeyboardInterrupt):
-        wait(PATIENCE)
+        wait(PATIENCE, {})
 
 
 def test_others_have_their_turn_while_it_waits(calls, epoll, pair):
@@ -300,7 +306,7 @@ def test_others_have_their_turn_while_it_waits(calls, epoll, pair):
 
     computing = threading.Thread(target=compute_and_send)
     computing.start()
-    assert calls.wait_of(epoll)(PATIENCE) == (near.fileno(), select.EPOLLIN)
+    assert calls.wait_of(epoll)(PATIENCE, {near.fileno(): near}) == (near, select.EPOLLIN)
     computing.join()
 
 
@@ -312,7 +318,7 @@ def test_nothing_of_it_stays_in_memory(calls, epoll, pair):
     def once():
         wait = calls.wait_of(epoll)
         far.send(bytes(300))
-        wait(0.0)
+        assert wait(0.0, {descriptor: near})[0] is near
         calls.read_into(descriptor, room)
         calls.read(descriptor, 300)
         far.send(bytes(300))
@@ -324,9 +330,12 @@ def test_nothing_of_it_stays_in_memory(calls, epoll, pair):
                 call(descriptor, None)
         with pytest.raises(OSError, match="descriptor"):
             calls.read(NO_DESCRIPTOR, 1)
+        with pytest.raises(TypeError):
+            wait(None, {})
 
     for _ in range(10):
         once()
+    references = [sys.getrefcount(each) for each in (near, room, None)]
     tracemalloc.start()
     try:
         gc.collect()
@@ -337,4 +346,6 @@ def test_nothing_of_it_stays_in_memory(calls, epoll, pair):
         after, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert after - before < 20_000  # a byte for each would be more
+    assert after - before < 20_000  # an object for each would be more
+    more = [sys.getrefcount(each) - of_it for each, of_it in zip((near, room, None), references, strict=True)]
+    assert max(more) < 500  # None has many that come and go
