@@ -1,9 +1,11 @@
 """Long work in slices, with pauses in which the lines work."""
 
 import asyncio
+from collections import deque
 from collections.abc import Iterable, Iterator
 from time import sleep, thread_time
 from typing import Final, TypeVar
+from weakref import WeakKeyDictionary
 
 T = TypeVar("T")
 
@@ -23,9 +25,33 @@ async def in_slices(parts: Iterable[T]) -> list[T]:
     for part in parts:
         made.append(part)
         if now() >= until:
-            await asyncio.sleep(0)
+            await turn()
             until = now() + _SLICE
     return made
+
+
+#: Who waits for a turn of its event loop.
+_waiting: WeakKeyDictionary[asyncio.AbstractEventLoop, deque[asyncio.Future[None]]] = WeakKeyDictionary()
+
+
+async def turn() -> None:
+    """Let the lines work until it is the turn of the caller: one in each turn of the loop, however many wait."""
+    loop = asyncio.get_running_loop()
+    waiting = _waiting.setdefault(loop, deque())
+    own = loop.create_future()
+    waiting.append(own)
+    if len(waiting) == 1:
+        loop.call_soon(_next, loop, waiting)
+    await own
+
+
+def _next(loop: asyncio.AbstractEventLoop, waiting: deque[asyncio.Future[None]]) -> None:
+    while waiting and waiting[0].done():  # given up
+        waiting.popleft()
+    if not waiting:
+        return
+    waiting[0].set_result(None)
+    loop.call_soon(_next, loop, waiting)
 
 
 def with_rests(parts: Iterable[T]) -> Iterator[T]:

@@ -3,8 +3,10 @@
 import json
 from collections.abc import Mapping
 from dataclasses import is_dataclass
+from functools import partial
 from typing import Any, Final, TypeVar
 
+from gateway.operator.json_text import pieces
 from gateway.operator.operation import Operation
 from gateway.operator.parameters import fields_of
 from gateway.operator.results import NotUnderstoodError, read_result
@@ -18,7 +20,7 @@ END: Final[Mapping[str, Any]] = {"end": True}
 
 def line_of(message: Mapping[str, Any]) -> bytes:
     """Encode a message as one line: a JSON object, in which dataclasses are objects too."""
-    return json.dumps(message, default=_plain).encode() + b"\n"
+    return b"".join(piece.encode() for piece in (*pieces(message, partial(json.dumps, default=_plain)), "\n"))
 
 
 def _plain(value: object) -> dict[str, Any] | str:

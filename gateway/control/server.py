@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.clock.beside import end
+from gateway.clock.slices import turn
 from gateway.clock.threads import ThreadPerCall
 from gateway.control.messages import END, answer_of, line_of
 from gateway.errors import WrongQuestion
@@ -33,6 +34,7 @@ from gateway.operator.operations import BY_NAME
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import read_parameters
 from gateway.operator.requests import AT_CONTROL
+from gateway.runtime.garbage import no_collection
 from gateway.version import __version__
 
 #: Longest request, in bytes.
@@ -152,16 +154,33 @@ async def _answers(
 ) -> AsyncGenerator[bytes, None]:
     try:
         request = _request(line)
-        async with aclosing(carry_out(request, operator, asker, operations)) as answers:
+        operation = _operation(request, operations)
+        await operation.load()
+        await turn()
+        async with aclosing(_lines(operation, carry_out(request, operator, asker, operations))) as answers:
             async for answer in answers:
-                yield await _written({"ok": True, **answer})
-        if _operation(request, operations).is_repeated:
-            yield _line({"ok": True, **END})
+                yield answer
     except WrongQuestion as wrong:
         yield _line(_refuse(str(wrong)))
     except Exception as error:  # noqa: BLE001 - the error boundary of a request
         emit(PartFailed.of("control socket", error))
         yield _line(_refuse("a defect in the gateway; its log says more"))
+
+
+async def _lines(
+    operation: Operation[Any, Any], answers: AsyncGenerator[Mapping[str, Any], None]
+) -> AsyncGenerator[bytes, None]:
+    """Write the answers of an operation as lines."""
+    async with aclosing(answers):
+        if operation.is_large:
+            with no_collection():
+                line = await _written({"ok": True, **await anext(answers)})
+            yield line
+            return
+        async for answer in answers:
+            yield await _written({"ok": True, **answer})
+        if operation.is_repeated:
+            yield _line({"ok": True, **END})
 
 
 def _request(line: bytes) -> Mapping[str, Any]:

@@ -1,6 +1,6 @@
 """Rules about a client line, or an upstream."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import ceil, floor
 from typing import Final
 
@@ -23,8 +23,11 @@ WRONG: Final = 0.01
 FULL: Final = 0.9
 
 
-def about_line(line: LineEvidence) -> Iterator[Finding]:
-    """Find the faults of a line and its units; yield an `ok` row for the units that answer."""
+def about_line(line: LineEvidence, about_units: Iterable[Sequence[Finding]] | None = None) -> Iterator[Finding]:
+    """Find the faults of a line and its units; yield an `ok` row for the units that answer.
+
+    `about_units` are the faults of its units, if they are known already.
+    """
     if line.is_standby:
         yield Finding("note", line.name, f"does not ask: {line.reason}")
         return
@@ -35,7 +38,9 @@ def about_line(line: LineEvidence) -> Iterator[Finding]:
         yield Finding("fix", line.name, f"{IS_DOWN}{line.reason}", remedy)
         return
     findings = [finding for rule in _RULES for finding in rule(line)]
-    findings += [finding for unit in line.units for finding in about_unit(unit, line)]
+    if about_units is None:
+        about_units = [tuple(about_unit(unit, line)) for unit in line.units]
+    findings += [finding for found in about_units for finding in found]
     yield from findings
     asked = [unit for unit in line.units if unit.asked]
     fixes = [finding for finding in findings if finding.level == "fix"]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from time import sleep
 from typing import Final, NamedTuple
 
+from gateway.clock.slices import turn
 from gateway.clock.threads import ThreadPerCall
 from gateway.lines.counts import UNSENT
 from gateway.operator.operator import Operator
@@ -70,7 +71,7 @@ async def _look(operator: Operator, line: str) -> LastHour | None:
         records = ring.after(number)
         number = max(number, ring.first) + len(records)
         found += (record for record in records if record.line == line)
-        await asyncio.sleep(0)
+        await turn()
     slots = _empty(first, line, begin + offset, now + offset)
     return await loop.run_in_executor(ThreadPerCall("last hour"), _added_up, first, slots, found, offset)
 

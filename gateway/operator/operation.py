@@ -58,7 +58,8 @@ class Operation(Generic[P, R]):
     `result_at` is where the type of the result is, and `by` the function that answers, as `module:name`; both are
     loaded on first use. At the control socket the result is under `key`, or its fields are beside `ok` if `key` is
     empty. Over HTTP it is at `path` below /api/v1, where `{name}` is a parameter; an operation without a path is not
-    available there. One that `is_repeated` has several answers.
+    available there. One that `is_repeated` has several answers, and one that `is_large` an answer of thousands of
+    objects, which are made without waiting for anything.
 
     `refuses` are possible errors besides wrong parameters and missing rights.
     """
@@ -73,6 +74,7 @@ class Operation(Generic[P, R]):
     path: str | None = None
     method: Method = "GET"
     is_repeated: bool = False
+    is_large: bool = False
     refuses: tuple[type[WrongQuestion], ...] = ()
 
     @cached_property
@@ -86,6 +88,15 @@ class Operation(Generic[P, R]):
         """The function that answers, loaded on first use."""
         function: Callable[[Operator, P, Asker], Any] = _load(self.by)
         return function
+
+    async def load(self) -> None:
+        """Load the function that answers in a thread, if it is not yet: the lines do not wait for that."""
+        if "function" not in self.__dict__:
+            import asyncio  # noqa: PLC0415 - commands, which only ask, do without
+
+            from gateway.clock.threads import ThreadPerCall  # noqa: PLC0415
+
+            await asyncio.get_running_loop().run_in_executor(ThreadPerCall("load operation"), lambda: self.function)
 
     async def answer(self, operator: "Operator", asked: P, asker: Asker) -> R:
         """Carry out an operation that has one answer.

@@ -71,6 +71,7 @@ STATUS: Final[Operation[Nothing, "Status"]] = Operation(
     by="gateway.operator.status:tell_status",
     key="status",
     path="/status",
+    is_large=True,
 )
 WHICH: Final[Operation[Nothing, "Which"]] = Operation(
     "which",
@@ -167,6 +168,7 @@ UNITS: Final[Operation[Nothing, "Units"]] = Operation(
     "Every unit",
     by="gateway.operator.units:tell_units",
     path="/units",
+    is_large=True,
 )
 UNIT: Final[Operation[OneUnit, "UnitPicture"]] = Operation(
     "unit",
@@ -207,6 +209,7 @@ VALUES: Final[Operation[KnownOf, "KnownValues"]] = Operation(
     by="gateway.operator.known_values:tell_values",
     path="/values",
     refuses=(WrongQuestion,),
+    is_large=True,
 )
 VALUE_HISTORY: Final[Operation[TrendOfPoint, "PointTrend"]] = Operation(
     "value-history",

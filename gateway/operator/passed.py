@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from gateway.clock.slices import turn
 from gateway.errors import RequestError
 from gateway.modbus.pdu import Span, parse_sent
 from gateway.operator.answers.unit import UnitPicture
@@ -45,7 +46,7 @@ async def passed(operator: Operator, unit: UnitPicture, asker: Asker) -> Sequenc
             if read is not None and rights.permits(asker.host, unit.key, record.request):
                 found[record.request] = read
         last = first
-        await asyncio.sleep(0)
+        await turn()
     return list(found.values())
 
 

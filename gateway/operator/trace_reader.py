@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
+from gateway.clock.slices import turn
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import EXCEPTION_BIT
@@ -144,7 +145,7 @@ async def latest(running: Running, asked: Traced, host: str, most: int) -> Seque
                 found.append(told if may_see(record) else without_values(told))
         if len(found) >= most:
             break
-        await asyncio.sleep(0)
+        await turn()
     return found
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from operator import attrgetter, sub
 from typing import Final, NamedTuple
 
+from gateway.clock.slices import turn
 from gateway.devices.device import Device, EveryDevice
 from gateway.lines.counts import RESULTS, UNSENT
 from gateway.runtime.gateway import Gateway, Owner
@@ -60,7 +61,7 @@ class Look:
             sent = failed = 0
             for device in _devices(part):
                 if now() >= until:
-                    await asyncio.sleep(0)
+                    await turn()
                     until = now() + _SLICE
                 totals[device] = total = _total(device)
                 before = self._units.get(device, _NOTHING)

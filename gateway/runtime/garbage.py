@@ -1,6 +1,34 @@
 """Keeps pauses by Python's garbage collector short: nothing is answered while it runs."""
 
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+#: So many objects that are not freed may come without a collection.
+_MOST: Final = 200_000
+#: How many answers are being made.
+_in_progress = 0
+
+
+@contextmanager
+def no_collection() -> Iterator[None]:
+    """Collect no garbage inside the context: for a long answer, which is freed at the end, and would be traversed.
+
+    What others leave meanwhile is bounded: if the last collection was too many objects ago, there will be one.
+    """
+    global _in_progress  # noqa: PLW0603 - the collector is one for the process, too
+    _in_progress += 1
+    try:
+        if gc.get_count()[0] < _MOST:
+            gc.disable()
+        else:
+            gc.enable()
+        yield
+    finally:
+        _in_progress -= 1
+        if not _in_progress:
+            gc.enable()
 
 
 def settle() -> None:

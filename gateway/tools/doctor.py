@@ -8,10 +8,11 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import Final
 
+from gateway.clock.slices import in_slices, turn
 from gateway.config.reading.source import place_of
 from gateway.devices.device import Device
 from gateway.diagnosis.clients import about_client
-from gateway.diagnosis.evidence import PortInUse, Search
+from gateway.diagnosis.evidence import LineEvidence, PortInUse, Search
 from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.images import about_polled
 from gateway.diagnosis.last import RECENT
@@ -19,6 +20,7 @@ from gateway.diagnosis.lines import about_line, against_loss
 from gateway.diagnosis.monitors import about_monitor
 from gateway.diagnosis.state import about_state_file
 from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
+from gateway.diagnosis.units import about_unit
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.operator.answers.doctor import Examination
@@ -165,10 +167,18 @@ async def _about(running: Running, part: Owner, is_there: IsThere, *, asks: bool
             said += _told(found)
     units = await units_evidence(line)
     records = [] if isinstance(line.plan.port, SerialSettings) else await records_of(line, running.ring)
-    findings = list(about_line(line_evidence(line, now(), running.recent, units, records, found)))
+    await turn()
+    findings = await _about_evidence(line_evidence(line, now(), running.recent, units, records, found))
     if said:
         findings.append(_has_sent(line, said))
     return findings
+
+
+async def _about_evidence(line: LineEvidence) -> list[Finding]:
+    """Find the faults of a line or an upstream, with pauses for the lines."""
+    about_units = await in_slices(tuple(about_unit(unit, line)) for unit in line.units)
+    await turn()
+    return list(about_line(line, about_units))
 
 
 async def _about_monitor(running: Running, monitor: GatewayMonitor, *, waits: bool) -> list[Finding]:
@@ -189,7 +199,7 @@ async def _about_upstream(
     units, now = await units_evidence(upstream), asyncio.get_running_loop().time()
     records = await records_of(upstream, running.ring)
     pauses = await pauses_before(records, units)
-    findings = list(about_line(upstream_evidence(upstream, now, running.recent, units, records, pauses)))
+    findings = await _about_evidence(upstream_evidence(upstream, now, running.recent, units, records, pauses))
     if asked:
         findings.append(_has_sent(upstream, [_told_of_reads(asked, is_cut_short=is_cut_short)]))
     return findings
@@ -214,7 +224,7 @@ async def _ask_units(running: Running, part: Owner, is_there: IsThere) -> tuple[
     try:
         async with asyncio.timeout(LONGEST_ASKING):
             for device in _doubtful_first(part):
-                await asyncio.sleep(0)  # let others run: a line may have hundreds
+                await turn()  # a line may have hundreds
                 settings, before = device.settings, asked
                 pdu = harmless_read(settings.profile)
                 while pdu is not None and is_wanted() and _needs_more(part, device, asked - before):
@@ -251,7 +261,7 @@ async def _wait_for_late_answer(line: GatewayLine) -> None:
 
 
 async def _look_for_silent_units(running: Running, line: GatewayLine, is_there: IsThere) -> Search | None:
-    known = [(device, unit_evidence(line, device)) for device in shown_devices(line)]
+    known = await in_slices((device, unit_evidence(line, device)) for device in shown_devices(line))
     silent = [device for device, unit in known if unit.is_silent and device.unit != BROADCAST_UNIT]
     if not silent or not _may_be_searched(running, line):
         return None

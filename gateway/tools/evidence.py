@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from gateway.clock.slices import in_slices
+from gateway.clock.slices import in_slices, turn
 from gateway.devices.device import Device
 from gateway.diagnosis.evidence import (
     ClientEvidence,
@@ -54,7 +54,7 @@ async def records_of(owner: Owner, ring: Ring) -> list[Record]:
     while records := ring.after(number, STEP):
         kept += [each for each in records if each.line == owner.name]
         number += len(records)
-        await asyncio.sleep(0)
+        await turn()
     return list(kept)
 
 

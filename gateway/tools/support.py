@@ -12,6 +12,7 @@ from itertools import islice
 from time import sleep
 from typing import Final
 
+from gateway.clock.slices import turn
 from gateway.clock.threads import ThreadPerCall
 from gateway.config.reading.masking import secrets_in
 from gateway.errors import ConfigError, WrongQuestion
@@ -117,7 +118,7 @@ async def _events(operator: Operator, _asker: Asker) -> _Text:
     for at in range(0, len(events), _STEP):
         told_events = (told(each, sees_bytes=False) for each in events[at : at + _STEP])
         yield "".join(f"{json.dumps(each, ensure_ascii=False)}\n" for each in told_events)
-        await asyncio.sleep(0)
+        await turn()
 
 
 async def _metrics(operator: Operator, _asker: Asker) -> _Text:
@@ -142,7 +143,7 @@ async def _trace(operator: Operator, asker: Asker) -> _Text:
             return
         number = max(number, ring.first) + len(records)
         yield "".join(map(tell, records))
-        await asyncio.sleep(0)
+        await turn()
 
 
 async def _failures(operator: Operator, asker: Asker) -> _Text:
@@ -150,7 +151,7 @@ async def _failures(operator: Operator, asker: Asker) -> _Text:
     failures = list(islice(operator.running.ring.failures(), MOST_FAILURES))
     for at in range(0, len(failures), _STEP):
         yield "".join(map(tell, failures[at : at + _STEP]))
-        await asyncio.sleep(0)
+        await turn()
 
 
 def _teller(operator: Operator, asker: Asker) -> Callable[[Record], str]:

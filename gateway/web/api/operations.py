@@ -4,10 +4,13 @@ import asyncio
 import json
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from functools import partial
 from typing import Any, Final
 
 from aiohttp import web
 
+from gateway.clock.slices import turn
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import NotPermitted
 from gateway.modbus.codes import Area
@@ -21,9 +24,11 @@ from gateway.operator.answers.status import Lines, Status
 from gateway.operator.answers.trend import PointTrend
 from gateway.operator.answers.unit import UnitPicture, Units
 from gateway.operator.answers.values import Cells, Points
-from gateway.operator.operation import Operation
+from gateway.operator.json_text import pieces
+from gateway.operator.operation import Asker, Operation
 from gateway.operator.operator import Operator
 from gateway.operator.parameters import Parameter, fields_of, parameters_of
+from gateway.runtime.garbage import no_collection
 from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of, parameters_in
 from gateway.web.front.problems import Handler, ProblemError
@@ -81,10 +86,17 @@ class _Handler:
         if self.operation.right == "writing" and not self._may_write:
             raise NotPermitted("nothing is written over HTTP without write = true in [web]")
         asked = await parameters_in(request, self.operation.parameters, self._in_path)
-        answer = await self.operation.answer(self._operator, asked, asker_of(request))
+        await self.operation.load()
+        await turn()
+        with no_collection() if self.operation.is_large else nullcontext():
+            body = await self._answer(asked, asker_of(request))
+        return json_response(body)
+
+    async def _answer(self, asked: object, asker: Asker) -> bytes:
+        answer = await self.operation.answer(self._operator, asked, asker)
         if isinstance(answer, Reloaded) and not answer.ok:
             raise _not_reloaded(answer)
-        return json_response(await (self._written_once(answer) if isinstance(answer, Status) else _written(answer)))
+        return await (self._written_once(answer) if isinstance(answer, Status) else _written(answer))
 
     async def _written_once(self, status: Status) -> bytes:
         async with self._one_status_at_a_time:
@@ -96,7 +108,9 @@ class _Handler:
 
 def json_of(body: object) -> bytes:
     """Write dataclasses and JSON values as JSON in UTF-8."""
-    return json.dumps(body, default=fields_of, ensure_ascii=False).encode()
+    return b"".join(
+        piece.encode() for piece in pieces(body, partial(json.dumps, default=fields_of, ensure_ascii=False))
+    )
 
 
 def json_response(body: bytes) -> web.Response:

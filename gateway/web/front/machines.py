@@ -8,6 +8,7 @@ from aiohttp import web
 from gateway.clock.threads import ThreadPerCall
 from gateway.observe.metrics import CONTENT_TYPE, exposition
 from gateway.operator.metrics import read
+from gateway.runtime.garbage import no_collection
 from gateway.runtime.running import Running
 from gateway.web.access.guard import Need
 from gateway.web.front.problems import Handler
@@ -51,5 +52,6 @@ def why_not_ready(running: Running) -> str:
 
 async def _metrics(running: Running) -> bytes:
     """Read the counters in slices and format them in a thread, so that lines do not wait for that."""
-    families = await read(running)
-    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("metrics"), exposition, families)
+    with no_collection():
+        families = await read(running)
+        return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("metrics"), exposition, families)
