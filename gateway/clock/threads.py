@@ -28,13 +28,13 @@ class ThreadPerCall(Executor):
         outcome: Future[T] = Future()
         outcome.set_running_or_notify_cancel()
         job = partial(call, *args, **kwargs)
-        Thread(target=_run, args=(job, outcome), name=self._purpose, daemon=True).start()
+        Thread(target=_run, args=([job], outcome), name=self._purpose, daemon=True).start()
         return outcome
 
 
-def _run(job: Callable[[], T], outcome: Future[T]) -> None:
+def _run(jobs: list[Callable[[], T]], outcome: Future[T]) -> None:
     try:
-        result = job()
+        result = jobs.pop()()  # what only this call has is freed before others go on
     except BaseException as error:  # noqa: BLE001 - raised again where the future is awaited
         outcome.set_exception(error)
     else:

@@ -18,6 +18,7 @@ import socket
 import stat
 from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
 from contextlib import aclosing, asynccontextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -225,7 +226,9 @@ async def _written(answer: Mapping[str, Any]) -> bytes:
     """Write an answer as a line; one that may be long in a thread: the lines do not wait for it."""
     if not any(map(_is_long, answer.values())):
         return _line(answer)
-    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("control answer"), _line, answer)
+    call = partial(_line, answer)
+    del answer
+    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("control answer"), call)
 
 
 def _is_long(told: object) -> bool:

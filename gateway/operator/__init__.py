@@ -2,7 +2,7 @@
 
 - operations   the table of all operations: name, parameters, result, right; every door is built from it
 - operation    one row of that table
-- parameters, results    read parameters from JSON or text, and results from JSON
+- parameters, results, json_text    read parameters from JSON or text, and results from JSON; write answers as JSON
 - asked, answers    the types of parameters and of results
 - operator     the running gateway, and what operations keep between requests
 - status, running, lines, units, forgetting    the status, the reload, lines, units, `forget`

@@ -224,9 +224,9 @@ async def _ask_units(running: Running, part: Owner, is_there: IsThere) -> tuple[
     try:
         async with asyncio.timeout(LONGEST_ASKING):
             for device in _doubtful_first(part):
-                await turn()  # a line may have hundreds
                 settings, before = device.settings, asked
                 pdu = harmless_read(settings.profile)
+                await turn()  # a line may have hundreds
                 while pdu is not None and is_wanted() and _needs_more(part, device, asked - before):
                     error, _ = await outcome_of(running.routers.control, settings.known_as, pdu, is_there)
                     if error is not None and not _was_sent(error.result):
@@ -234,6 +234,7 @@ async def _ask_units(running: Running, part: Owner, is_there: IsThere) -> tuple[
                     asked += 1
                     if error is not None and isinstance(part, GatewayLine):
                         await _wait_for_late_answer(part)
+                    await turn()  # the responses of many lines come at once
     except TimeoutError:
         return asked, True
     return asked, False

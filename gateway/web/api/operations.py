@@ -96,7 +96,9 @@ class _Handler:
         answer = await self.operation.answer(self._operator, asked, asker)
         if isinstance(answer, Reloaded) and not answer.ok:
             raise _not_reloaded(answer)
-        return await (self._written_once(answer) if isinstance(answer, Status) else _written(answer))
+        written = self._written_once(answer) if isinstance(answer, Status) else _written(answer)
+        del answer
+        return await written
 
     async def _written_once(self, status: Status) -> bytes:
         async with self._one_status_at_a_time:
@@ -123,7 +125,9 @@ async def _written(answer: object) -> bytes:
     """Write an answer as JSON."""
     if not isinstance(answer, _LONG):
         return json_of(answer)
-    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web API"), json_of, answer)
+    call = partial(json_of, answer)
+    del answer
+    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web API"), call)
 
 
 def _not_reloaded(outcome: Reloaded) -> ProblemError:
