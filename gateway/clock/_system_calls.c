@@ -5,13 +5,11 @@
  *
  * A signal that ends a call has its handlers in Python called, as in Python's own functions (PEP 475).
  */
-#define _GNU_SOURCE
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <errno.h>
 #include <poll.h>
 #include <sys/epoll.h>
-#include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -19,12 +17,12 @@
 #define MOST_READ 4096
 #define MOST_FOUND 64
 
-/* Headers that are older than Linux 5.11 do not name it. It has the same number on every machine of ours. */
-#ifndef SYS_epoll_pwait2
-#define SYS_epoll_pwait2 441
+/* The number of the call on every machine of ours; headers older than Linux 5.11 have no name for it. */
+#ifndef EPOLL_PWAIT2
+#define EPOLL_PWAIT2 441
 #endif
 
-/* The time of that call: 64 bits each, also where those of the C library have 32. */
+/* Its time: 64 bits each, also where those of the C library have 32. */
 struct kernel_time {
     long long seconds, nanoseconds;
 };
@@ -115,7 +113,7 @@ static int wait_exactly(int poll, struct epoll_event *found, double seconds)
     if (most.nanoseconds >= 1000000000)
         most = (struct kernel_time){whole + 1, 0};
     if (is_there) {
-        int count = (int)syscall(SYS_epoll_pwait2, poll, found, MOST_FOUND, &most, NULL, 0);
+        int count = (int)syscall(EPOLL_PWAIT2, poll, found, MOST_FOUND, &most, NULL, 0);
         if (count >= 0 || (errno != ENOSYS && errno != EPERM))
             return count;
         is_there = 0;

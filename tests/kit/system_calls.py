@@ -1,4 +1,4 @@
-"""The two ways of `gateway.clock.system_calls`, whichever is installed."""
+"""The ways of `gateway.clock.system_calls`, whichever is installed."""
 
 import os
 import shlex
@@ -17,19 +17,21 @@ from kit.left_out import need
 
 _COMPILED = "gateway.clock._system_calls"
 _SOURCE = Path(system_calls.__file__).with_name("_system_calls.c")
+#: The number of a system call that there will never be.
+_NO_CALL = 999_999
 _STRICT = ("-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
 
 
 @pytest.fixture(scope="session")
 def in_c(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     """The functions in C, compiled now."""
-    headers, library = sysconfig.get_path("include"), tmp_path_factory.mktemp("in_c") / "_system_calls.so"
-    compiler = shlex.split(os.environ.get("CC", "cc"))
-    need("cc")
-    if not Path(headers, "Python.h").exists():
-        pytest.skip("needs the headers of Python")
-    subprocess.run([*compiler, *_STRICT, f"-I{headers}", _SOURCE, "-o", library], check=True)
-    return _load("_system_calls", library, ExtensionFileLoader("_system_calls", str(library)))
+    return _compile(tmp_path_factory.mktemp("in_c"))
+
+
+@pytest.fixture(scope="session")
+def in_c_before_5_11(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """The same on a kernel without `epoll_pwait2`."""
+    return _compile(tmp_path_factory.mktemp("before_5_11"), f"-DEPOLL_PWAIT2={_NO_CALL}")
 
 
 @pytest.fixture(scope="session")
@@ -40,16 +42,26 @@ def in_python() -> ModuleType:
         return _load("system_calls_in_python", Path(system_calls.__file__))
 
 
-@pytest.fixture(params=["in_python", "in_c"])
+@pytest.fixture(params=["in_python", "in_c", "in_c_before_5_11"])
 def calls(request: pytest.FixtureRequest) -> ModuleType:
-    """Each of both ways."""
+    """The functions in each way."""
     return request.getfixturevalue(request.param)
 
 
 @pytest.fixture
 def waits_with(calls: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have selectors that are made from now on wait in each of both ways."""
+    """Have selectors that are made from now on wait in each way."""
     monkeypatch.setattr("gateway.clock.exact_loop.wait_of", calls.wait_of)
+
+
+def _compile(folder: Path, *more: str) -> ModuleType:
+    headers, library = sysconfig.get_path("include"), folder / "_system_calls.so"
+    compiler = shlex.split(os.environ.get("CC", "cc"))
+    need("cc")
+    if not Path(headers, "Python.h").exists():
+        pytest.skip("needs the headers of Python")
+    subprocess.run([*compiler, *_STRICT, *more, f"-I{headers}", _SOURCE, "-o", library], check=True)
+    return _load("_system_calls", library, ExtensionFileLoader("_system_calls", str(library)))
 
 
 def _load(name: str, path: Path, loader: ExtensionFileLoader | None = None) -> ModuleType:

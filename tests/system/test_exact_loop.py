@@ -13,9 +13,8 @@ import pytest
 from gateway.clock import exact_loop as exact_loop_module
 from gateway.clock.exact_loop import ExactLoop, ExactSelector, new_exact_loop, run_exactly
 from gateway.clock.system_calls import EXACT_PART
-from kit.system_calls import calls, in_c, in_python, waits_with
 
-__all__ = ["calls", "in_c", "in_python", "waits_with"]
+pytest_plugins = ["kit.system_calls"]
 
 #: asyncio runs what is due within this time.
 CLOCK_RESOLUTION = time.get_clock_info("monotonic").resolution

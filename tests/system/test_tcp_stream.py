@@ -4,7 +4,7 @@ import asyncio
 import socket
 import struct
 import time
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 
 import pytest
 
@@ -213,6 +213,29 @@ async def test_what_has_arrived_can_be_taken_at_once(stream, client, user):
     client.send(b"again")
     stream.close()
     assert stream.receive(room) == 0
+
+
+async def test_what_has_ended_leaves_alone_who_has_the_number_of_its_descriptor(ends, stream, client, user):
+    number = ends[0].fileno()
+    stream.abort()
+    await until(lambda: user.losses)
+    with ExitStack() as stack:
+        for _ in range(100):
+            there, here = (stack.enter_context(end) for end in socket.socketpair())
+            if there.fileno() == number:
+                break
+            if here.fileno() == number:
+                there, here = here, there
+                break
+        assert there.fileno() == number
+        there.setblocking(False)
+        here.setblocking(False)
+        here.send(b"theirs")
+        stream.write(b"ours")
+        assert stream.receive(memoryview(bytearray(10))) == 0
+        assert there.recv(10) == b"theirs"
+        with pytest.raises(BlockingIOError):
+            here.recv(10)
 
 
 async def test_a_user_without_room_keeps_the_stream_waiting(stream, client, user):
