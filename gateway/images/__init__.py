@@ -2,7 +2,8 @@
 
 - image, tables, services    the answers of an image: reads and writes, diagnostics and identification
 - persistent   an image whose writes survive a crash (ADR 8)
-- polls, polling, polled_range, turns    polls of a device for all that want its values, and the age of these
+- polls, polling, polled_range, due, turns    polls of a device for all that want its values, and the age of these
+- places       what a read or a write touches
 - supply, heard_values    what supplies values: polls, or what others ask and the gateway hears
 - at_once      an image as something that is polled
 - mirror, virtual, ordered    units whose reads are answered from polls, and which pass other requests on

@@ -7,15 +7,14 @@
 A part is taken from one answer that has all of it. Nothing is ever asked, so nobody waits for a value.
 """
 
-from bisect import bisect_left
-from collections.abc import Iterable, Iterator
-from itertools import islice
+from collections.abc import Iterable
 from math import inf
 
+from gateway.images.places import Places
 from gateway.images.polled_range import Part, Reader
 from gateway.images.supply import Supply
 from gateway.lines.monitor.monitor import HeardTransaction
-from gateway.modbus.codes import EXCEPTION_BIT, Area
+from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span
 from gateway.registers.items import REGISTER, has_bits, items_read
 
@@ -27,24 +26,21 @@ class HeardValues(Supply):
 
     def __init__(self) -> None:
         super().__init__()
-        self._in_order: dict[Area, list[Part]] = {area: [] for area in Area}
+        self._heard: Places[Part] = Places(())
         self._written_at = -inf
 
     def change(self, come: Iterable[Part], gone: Iterable[Part], now: float) -> None:  # noqa: ARG002 - nothing is due
         """See Supply."""
-        for part in gone:
-            self._parts.pop(part, None)
+        come = tuple(come)
         for part in come:
             part.is_awaited = False
-            self._parts[part] = None
-        for area, parts in self._in_order.items():
-            parts[:] = sorted((part for part in self._parts if part.span.area is area), key=_first)
+        self._supply(come, gone)
+        self._heard = Places((part.span, part) for part in self._parts)
 
     def changed(self, span: Span | None, now: float) -> None:
         """See Supply. No answer is on its way that reads could wait for."""
         self._written_at = now
-        super().changed(span, now)
-        for part in self._parts:
+        for part in self._forget(span):
             part.is_awaited = False
 
     def heard(self, transaction: HeardTransaction, now: float) -> None:
@@ -70,24 +66,13 @@ class HeardValues(Supply):
             return
         size = len(items) // span.count
         taken: dict[Reader, list[tuple[Part, bytes]]] = {}
-        for part in self._within(span):
-            if part.poll.width == width and (part.sampled_at is None or part.sampled_at <= asked_at):
+        for part in self._heard.touched(span):
+            if not span.has(part.span) or part.poll.width != width:
+                continue
+            if part.sampled_at is None or part.sampled_at <= asked_at:
                 start, count = part.span.start - span.start, part.span.count
                 taken.setdefault(part.reader, []).append((part, items[start * size : (start + count) * size]))
         for reader, parts in taken.items():
             reader.took(parts, now)
             for part, _ in parts:
                 part.sampled(asked_at, self.writes)
-
-    def _within(self, span: Span) -> Iterator[Part]:
-        """Find the parts whose addresses are all in `span`."""
-        parts = self._in_order[span.area]
-        for part in islice(parts, bisect_left(parts, span.start, key=_first), None):
-            if part.span.start >= span.end:
-                return
-            if part.span.end <= span.end:
-                yield part
-
-
-def _first(part: Part) -> int:
-    return part.span.start

@@ -12,6 +12,7 @@ from typing import NamedTuple, cast
 from gateway.errors import IllegalAddress, StaleValue
 from gateway.events import Emit
 from gateway.images.ordered import MOST_READS, ClientRequests, OrderedUnit, Passed
+from gateway.images.places import Places
 from gateway.images.polled_range import Part
 from gateway.images.polls import POLLING_FUNCTIONS, MirrorSettings, Poll, in_a_row
 from gateway.images.supply import Supply
@@ -46,6 +47,7 @@ class Mirror(OrderedUnit):
         super().__init__(settings.name, answers_to, emit, ring)
         self.settings = settings
         self.parts = tuple(Part(poll, self) for poll in settings.wanted)
+        self._places = Places((part.span, part) for part in self.parts)
         self._polls = polls
         self.device = device
         self._tables = make_tables(settings.areas, {})
@@ -127,7 +129,7 @@ class Mirror(OrderedUnit):
             raise IllegalAddress(f"{self.settings.name} does not poll all of {span.area} {span.addresses}")
         if len(self._reads) >= MOST_READS:
             self._reads.clear()
-        touched = tuple(part for part in self.parts if part.span.touches(span))
+        touched = tuple(self._places.touched(span))
         read = self._reads[pdu] = _Read(asked.response_head, self._tables[span.area], span, touched)
         return read
 
@@ -144,8 +146,10 @@ class Mirror(OrderedUnit):
         if lost is not None:
             where = f"{self.settings.of} ({lost.area} {lost.addresses})"
             raise StaleValue(f"{where} {self._polls.silence}", self.settings.of)
-        if all(part.is_known(writes) for part in read.parts):
+        unknown = [part for part in read.parts if not part.is_known(writes)]
+        if not unknown:
             return read.head + read.table.read(read.span)
+        self._wait(client, unknown)
         return None
 
     def __repr__(self) -> str:

@@ -6,7 +6,7 @@ include what these have written.
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
@@ -72,6 +72,8 @@ class OrderedUnit(ABC):
         self._emit = emit
         self._ring = ring or Ring()
         self._clients: dict[str, ClientRequests] = {}
+        #: Clients whose first waiting request is a read that needs this part, by their names; None: a defect was met.
+        self._waiting: dict[Part | None, dict[str, ClientRequests]] = {}
         self._is_closed = False
 
     def submit(self, request: Request, now: float) -> None:
@@ -118,12 +120,22 @@ class OrderedUnit(ABC):
     def close(self, now: float) -> None:
         """Fail the reads that wait for a poll: there will be none."""
         self._is_closed = True
-        self.settle(now)
-
-    def settle(self, now: float) -> None:
-        """Go on with requests that no longer have to wait."""
+        self._waiting.clear()
         for name, client in list(self._clients.items()):
             self._go_on(name, client, now)
+
+    def settle(self, parts: Sequence[Part], now: float) -> None:
+        """Go on with the reads that waited for one of these parts."""
+        if not self._waiting:
+            return
+        for part in (None, *parts):
+            those = self._waiting.pop(part, {})
+            try:
+                for name, client in those.items():
+                    self._go_on(name, client, now)
+            except BaseException:
+                self._waiting.setdefault(None, {}).update(those)
+                raise
 
     @property
     @abstractmethod
@@ -157,6 +169,9 @@ class OrderedUnit(ABC):
         try:
             while client.waiting and self._go_on_with(client.waiting[0], client, now):
                 pass
+        except BaseException:
+            self._waiting.setdefault(None, {})[name] = client
+            raise
         finally:
             client.is_going_on = False
             if not client.waiting and not client.under_way and self._clients.get(name) is client:
@@ -179,6 +194,12 @@ class OrderedUnit(ABC):
         self._ring.answer(answered, response, now, self.name)
         answered.respond(response)
         return True
+
+    def _wait(self, client: ClientRequests, parts: Iterable[Part]) -> None:
+        """Let a client's first waiting request wait for the polls of these parts."""
+        name = client.waiting[0].caller.client
+        for part in parts:
+            self._waiting.setdefault(part, {})[name] = client
 
     def _pass_on(self, client: ClientRequests, device: Target, sent: Request, now: float) -> None:
         """Pass `sent` on to the device for the first waiting request; `_derived` makes it."""

@@ -39,8 +39,8 @@ class Reader(Protocol):
     def missed(self, parts: Sequence["Part"], now: float, *, answers: bool | None) -> None:
         """Note that parts were not read. `answers`: whether the device answers; None if it was not asked."""
 
-    def settle(self, now: float) -> None:
-        """Go on with what waited for a poll."""
+    def settle(self, parts: Sequence["Part"], now: float) -> None:
+        """Go on with what waited for a poll of one of these parts, which may be those of others."""
 
 
 class Part:
@@ -49,12 +49,14 @@ class Part:
     One request reads all of it.
     """
 
-    __slots__ = ("_changed_by", "_sampled_after", "is_awaited", "poll", "reader", "sampled_at", "span")
+    __slots__ = ("_changed_by", "_sampled_after", "is_awaited", "poll", "polled_by", "reader", "sampled_at", "span")
 
     def __init__(self, poll: Poll, reader: Reader) -> None:
         self.poll = poll
         self.span = poll.span
         self.reader = reader
+        #: The request that reads it at present, if one does.
+        self.polled_by: PolledRange | None = None
         #: Whether reads wait for its poll while the values are unknown.
         self.is_awaited = True
         #: When the last answered poll was submitted.
@@ -77,9 +79,10 @@ class Part:
         self._changed_by = writes
         self.is_awaited = True
 
-    def is_changed_by(self, write: Span) -> bool:
-        """Tell whether a write to these addresses may change its values."""
-        return self.span.touches(write)
+    @property
+    def changed_at(self) -> tuple[Span, ...]:
+        """The addresses at which a write may change its values."""
+        return (self.span,)
 
     def go_on_from(self, old: "Part") -> None:
         """Have the age of a part of the same polls that this one replaces."""
@@ -111,7 +114,7 @@ class PolledRange:
     """
 
     __slots__ = (
-        "_asked_after", "_asked_at", "_places", "due_at", "halves", "is_asked", "is_over", "is_refused", "is_waiting",
+        "_asked_at", "_places", "asked_after", "due_at", "halves", "is_asked", "is_over", "is_refused", "is_waiting",
         "parts", "poll", "split", "within",
     )  # fmt: skip
 
@@ -126,7 +129,8 @@ class PolledRange:
         #: Whether its poll waits for its turn.
         self.is_waiting = False
         self._asked_at = 0.0
-        self._asked_after = 0
+        #: The number of writes that had finished when its last poll was sent.
+        self.asked_after = 0
         self.serve(parts)
 
     def serve(self, parts: Sequence[Part]) -> None:
@@ -137,6 +141,7 @@ class PolledRange:
         for part in parts:
             place = self.poll.place(part.poll)
             self._places.setdefault(part.reader, []).append((part, place.start, place.stop))
+            part.polled_by = self
         for half in self.halves:
             half.serve(self._parts_of(half.poll))
 
@@ -161,7 +166,7 @@ class PolledRange:
 
     def asked(self, now: float, writes: int) -> None:
         """Note that its poll is sent, after so many writes."""
-        self._asked_at, self._asked_after = now, writes
+        self._asked_at, self.asked_after = now, writes
 
     def take(self, items: bytes, now: float) -> None:
         """Hand the items that were read to the readers, but to those who have newer ones.
@@ -173,7 +178,7 @@ class PolledRange:
             newer = [each for each in places if each[0].sampled_at is None or each[0].sampled_at <= self._asked_at]
             reader.took([(part, items[start:end]) for part, start, end in newer], now)
             for part, _, _ in newer:
-                part.sampled(self._asked_at, self._asked_after)
+                part.sampled(self._asked_at, self.asked_after)
 
     def missed(self, now: float, *, answers: bool | None, was_sent: bool = False) -> None:
         """Tell the readers that there was no answer: reads do not wait for the next poll. Of `halves` these tell."""

@@ -17,8 +17,6 @@ It has no clock: time is an argument, and `deadline` says when to call `tick`.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from heapq import heapify, heappop, heappush
-from itertools import count
 from math import ceil
 from typing import Final, Protocol
 
@@ -31,6 +29,7 @@ from gateway.errors import (
     NoResponse,
 )
 from gateway.events import Emit, PollRefused
+from gateway.images.due import Due
 from gateway.images.polled_range import Part, PolledRange
 from gateway.images.polls import Poll, joined
 from gateway.images.supply import Supply
@@ -54,8 +53,8 @@ DOWN_PAUSE: Final = 1.0
 RETRY: Final = 5.0
 #: After this many seconds parts that are read apart are tried together again, unless that is known to be refused.
 TOGETHER_AGAIN: Final = 60.0
-#: How many times of a range may be in the heap on average. More are old ones: each write makes polls due sooner.
-_MOST_ENTRIES: Final = 16
+#: So many polls are sent before the event loop goes on; clients wait for no more.
+MOST_AT_ONCE: Final = 64
 
 
 class PolledTarget(Protocol):
@@ -98,8 +97,8 @@ class DevicePolls(Supply):
         self._turns = turns
         self._emit = emit
         self._ranges: dict[PolledRange, None] = {}
-        self._due: list[tuple[float, int, PolledRange]] = []
-        self._number = count()
+        self._due = Due()
+        self._written_at = 0.0
         self._polls: dict[Request, PolledRange] = {}
 
     def change(self, come: Iterable[Part], gone: Iterable[Part], now: float) -> None:
@@ -107,12 +106,11 @@ class DevicePolls(Supply):
 
         All others keep their values, and their intervals as well as they can. A request that stays the same goes on.
         """
-        for part in gone:
-            self._parts.pop(part, None)
+        come = tuple(come)
         for part in come:
             if part.sampled_at is None:
                 part.changed(self.writes)  # a poll that was sent before a write finished tells it nothing
-            self._parts[part] = None
+        self._supply(come, gone)
         by_poll: dict[Poll, list[Part]] = {}
         for part in self._parts:
             by_poll.setdefault(part.poll, []).append(part)
@@ -130,8 +128,8 @@ class DevicePolls(Supply):
             self._end_halves(old)
             self._end(old)
         for polled in self._ranges:
-            if polled.is_urgent:
-                self._plan(polled, min(polled.due_at, now))
+            if polled.is_urgent and polled.due_at > now:
+                self._due.plan(polled, now)
 
     def changed(self, span: Span | None, now: float) -> None:
         """Note that a write to `span` has finished (None: every address); the values there are unknown until polled.
@@ -139,12 +137,14 @@ class DevicePolls(Supply):
         It may have changed others too, so everything is polled again at once; for what was written others on the line
         are not waited for, as a client's reads wait.
         """
-        super().changed(span, now)
-        for polled in self._ranges:
-            if not polled.halves:
-                if polled.is_waiting and polled.is_written:
+        changed = self._forget(span)
+        self._written_at = now
+        self._due.all_due(now)
+        for polled in {part.polled_by: None for part in changed if part.sampled_at is not None}:
+            if polled is not None:
+                if polled.is_waiting:
                     polled.is_asked = polled.is_waiting = False
-                self._plan(polled, min(polled.due_at, now))
+                self._due.plan(polled, min(polled.due_at, now))
 
     def wants(self, request: Request) -> bool:
         """Tell whether a waiting poll should be sent: not one that is sent in another way now."""
@@ -155,7 +155,8 @@ class DevicePolls(Supply):
         """Take the response to a poll; None if it has none."""
         polled = self._polls.pop(poll)
         polled.is_asked = False
-        self._plan(polled, polled.due_at)
+        is_before_write = polled.asked_after < self.writes and not polled.halves
+        self._due.plan(polled, min(polled.due_at, self._written_at) if is_before_write else polled.due_at)
         try:
             if response is not None and not response[0] & EXCEPTION_BIT and self._take(polled, response, now):
                 self._accepted(polled, now)
@@ -167,28 +168,37 @@ class DevicePolls(Supply):
 
     def deadline(self) -> float | None:
         """Return when to call `tick`; None if there is nothing to poll."""
-        while self._due and not self._due[0][2].is_due_at(self._due[0][0]):
-            heappop(self._due)
-        return self._due[0][0] if self._due else None
+        return self._due.deadline()
 
     def tick(self, now: float) -> None:
-        """Send the polls that are due, the oldest first. A device in its back-off is not polled."""
-        while (due := self.deadline()) is not None and due <= now:
-            polled = heappop(self._due)[2]
-            if polled.split is not None and not polled.split.unread:
-                self._end(polled)
-                continue
-            interval = max(polled.poll.every, TOGETHER_AGAIN) if polled.halves else polled.poll.every
-            next_due = due + interval * max(1, ceil((now - due) / interval))
-            if self._target.is_resting(now):
-                self._plan(polled, next_due)
-                polled.missed(now, answers=False)
-                self._settle(polled, now)
-            else:
-                polled.is_asked = polled.is_waiting = True
-                polled.due_at = next_due
-                send, overdue = partial(self._send, polled), partial(self._wait_no_longer, polled)
-                self._turns.enter(send, overdue, now, at_once=polled.is_written)
+        """Send polls that are due, the oldest first; if there are more, `deadline` says so.
+
+        A device in its back-off is not polled.
+        """
+        for _ in range(MOST_AT_ONCE):
+            deadline = self.deadline()
+            if deadline is None or deadline > now:
+                return
+            due = self._due.take(now)
+            if due is not None:
+                self._begin(due[1], due[0], now)
+
+    def _begin(self, polled: PolledRange, due: float, now: float) -> None:
+        """Let a poll that is `due` take its turn."""
+        if polled.split is not None and not polled.split.unread:
+            self._end(polled)
+            return
+        interval = max(polled.poll.every, TOGETHER_AGAIN) if polled.halves else polled.poll.every
+        next_due = due + interval * max(1, ceil((now - due) / interval))
+        if self._target.is_resting(now):
+            self._due.plan(polled, next_due)
+            polled.missed(now, answers=False)
+            self._settle(polled, now)
+            return
+        polled.is_asked = polled.is_waiting = True
+        polled.due_at = next_due
+        send, overdue = partial(self._send, polled), partial(self._wait_no_longer, polled)
+        self._turns.enter(send, overdue, now, at_once=polled.is_written)
 
     def _send(self, polled: PolledRange, now: float) -> None:
         """Send a poll whose turn it is, unless it was sent at once meanwhile."""
@@ -214,17 +224,7 @@ class DevicePolls(Supply):
 
     def _add(self, polled: PolledRange) -> None:
         self._ranges[polled] = None
-        self._plan(polled, polled.due_at)
-
-    def _plan(self, polled: PolledRange, due_at: float) -> None:
-        """Set when a range is due; one whose poll is in progress is so again when that is over."""
-        polled.due_at = due_at
-        if polled.is_asked or polled.is_over:
-            return
-        heappush(self._due, (due_at, next(self._number), polled))
-        if len(self._due) > _MOST_ENTRIES * (len(self._ranges) + 1):
-            self._due = [(each.due_at, next(self._number), each) for each in self._ranges if not each.is_asked]
-            heapify(self._due)
+        self._due.plan(polled, polled.due_at)
 
     def _take(self, polled: PolledRange, response: bytes, now: float) -> bool:
         """Hand the items of a response to their readers. Return False if it has another length."""
@@ -245,7 +245,8 @@ class DevicePolls(Supply):
             polled.within = None
         if polled.halves:
             self._end_halves(polled)  # perhaps before they were polled again after a write
-            self._plan(polled, now if polled.is_urgent else now + polled.poll.every)
+            polled.serve(polled.parts)
+            self._due.plan(polled, now if polled.is_urgent else now + polled.poll.every)
 
     def _failed(self, polled: PolledRange, poll: Request, response: bytes | None, now: float) -> None:
         if polled.is_over:  # its parts are read in another way now
@@ -255,9 +256,9 @@ class DevicePolls(Supply):
         answers = None if isinstance(poll.error, Busy) else has_answered
         polled.missed(now, answers=answers, was_sent=True)
         if code == LineDown.code:
-            self._plan(polled, now + max(UNSENT_PAUSE, min(polled.poll.every, DOWN_PAUSE)))
+            self._due.plan(polled, now + max(UNSENT_PAUSE, min(polled.poll.every, DOWN_PAUSE)))
         elif not answers or code == Busy.code:
-            self._plan(polled, max(now + UNSENT_PAUSE, min(polled.due_at, now + RETRY)))
+            self._due.plan(polled, max(now + UNSENT_PAUSE, min(polled.due_at, now + RETRY)))
         elif code in _REFUSALS and not polled.is_refused:
             self._refused(polled, code, now)
 
@@ -274,7 +275,7 @@ class DevicePolls(Supply):
             half = polled.half(part, now)
             self._add(half)
         if polled.halves:
-            self._plan(polled, now + max(poll.every, TOGETHER_AGAIN))
+            self._due.plan(polled, now + max(poll.every, TOGETHER_AGAIN))
 
     def _log_refusal(self, polled: PolledRange, code: int) -> None:
         reader = polled.parts[0].reader
@@ -295,4 +296,4 @@ class DevicePolls(Supply):
 
     def _settle(self, polled: PolledRange, now: float) -> None:
         for reader in polled.readers:
-            reader.settle(now)
+            reader.settle(polled.parts, now)

@@ -57,5 +57,5 @@ class DeviceReader:
         """Hand on that there was no answer: one request is one failure, however many points it reads."""
         self._readings_to.missed(self._device, now, answers=answers)
 
-    def settle(self, now: float) -> None:
+    def settle(self, parts: Sequence[Part], now: float) -> None:
         """Do nothing: nobody waits for a poll."""

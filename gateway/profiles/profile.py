@@ -1,12 +1,13 @@
 """A profile: the rules that a request to a kind of device must satisfy before it is sent."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 
 from gateway.errors import IllegalAddress, IllegalFunction, IllegalValue
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.functions import BROADCAST_FUNCTIONS, WIDE
-from gateway.modbus.pdu import RequestPdu, Span, parse_request, parse_sent, parse_wide, spans_of
+from gateway.modbus.pdu import ADDRESSES, RequestPdu, Span, parse_request, parse_sent, parse_wide, spans_of
 from gateway.profiles.guards import NO_GUARDS, Guards
 from gateway.profiles.identity import Identity
 from gateway.profiles.point import Point
@@ -168,9 +169,13 @@ def width_at(wide: Mapping[Area, tuple[Range, ...]] | Mapping[str, tuple[Range, 
     ranges = wide.get(span.area, ())
     if covers(ranges, span):
         return WIDE_REGISTER
-    return None if any(first < span.end and span.start <= last for first, last in ranges) else REGISTER
+    before_end = bisect_left(ranges, (span.end, 0))
+    return None if before_end and span.start <= ranges[before_end - 1][1] else REGISTER
 
 
 def covers(ranges: tuple[Range, ...] | None, span: Span) -> bool:
     """Tell whether all of `span` is in one of `ranges` (ascending, adjacent ones joined); None is no limit."""
-    return ranges is None or any(first <= span.start and span.end - 1 <= last for first, last in ranges)
+    if ranges is None:
+        return True
+    begun = bisect_right(ranges, (span.start, ADDRESSES))
+    return begun > 0 and span.end - 1 <= ranges[begun - 1][1]

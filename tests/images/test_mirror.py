@@ -28,7 +28,7 @@ class Bench:
         polls = polls or (Poll(Area.HOLDING, 0, 0, 0.5),)
         areas = {}
         for poll in polls:
-            areas[poll.area] = (*areas.get(poll.area, ()), (poll.first, poll.last))
+            areas[poll.area] = tuple(sorted({*areas.get(poll.area, ()), (poll.first, poll.last)}))
         self.events = []
         self.now = 0.0
         self.asked: list[Request] = []
@@ -71,8 +71,7 @@ class Bench:
     def at(self, now: float) -> list[str]:
         """Let time pass; what is being asked then."""
         self.now = now
-        deadline = self.polls.deadline()
-        if deadline is not None and deadline <= now:
+        while (deadline := self.polls.deadline()) is not None and deadline <= now:
             self.polls.tick(now)
         return self.questions
 

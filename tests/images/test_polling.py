@@ -34,7 +34,7 @@ class Reader:
     def missed(self, parts, now, *, answers):
         self.came.append(answers)
 
-    def settle(self, now):
+    def settle(self, parts, now):
         pass
 
     def take(self):

@@ -6,8 +6,8 @@ from typing import Final
 from gateway.images.image import Image
 from gateway.images.polled_range import Reader
 from gateway.images.tables import make_tables
-from gateway.images.virtual.layout import Layout, Own, Touched
-from gateway.images.virtual.row import Freshness, Row, Source
+from gateway.images.virtual.layout import Own, Touched, layout
+from gateway.images.virtual.row import DeviceRows, Freshness, Row, Source
 from gateway.images.virtual.settings import FreshBits, SourceAge, VirtualSettings
 from gateway.modbus.pdu import Span
 from gateway.registers.items import REGISTER, has_bits, pack_bits, unpack_bits
@@ -27,17 +27,18 @@ class Block:
         self.own = own
         self.stale = settings.stale
         self.changes = 0
-        self.rows = tuple(Row(each, sources[each.device], reader, self) for each in settings.values)
-        self._tables = make_tables(settings.areas, {})
-        self._layout = Layout(settings, self.rows)
-        rows: dict[str, list[Row]] = {name: [] for name in sources}
+        self.by_device = {name: DeviceRows() for name in sources}
+        self.rows = tuple(
+            Row(each, sources[each.device], reader, self, self.by_device[each.device]) for each in settings.values
+        )
         for row in self.rows:
-            rows[row.mapped.device].append(row)
-        self.by_device = {name: Freshness(tuple(of_device)) for name, of_device in rows.items()}
+            self.by_device[row.mapped.device].add(row)
+        self._tables = make_tables(settings.areas, {})
+        self._layout = layout(settings, self.rows)
         #: By the place of fresh bits: of all of their devices, and the items while these are fresh.
         self._all_fresh = {
             each.place: (
-                Freshness(tuple(row for name in each.devices for row in rows[name])),
+                Freshness(tuple(self.by_device[name] for name in each.devices)),
                 _bits(b"\1" * len(each.devices), each.place),
             )
             for each in settings.fresh
@@ -81,15 +82,12 @@ class Block:
 
     def is_device_fresh(self, device: str, now: float) -> bool:
         """Tell whether all rows of a source are fresh, or will be when the poll after a write is answered."""
-        of_device = self.by_device[device]
-        if of_device.lasts(now, self.stale, self.changes):
-            return True
-        return all(row.is_expected(now, self.stale) for row in of_device.rows)
+        return self.by_device[device].are_expected(now, self.stale)
 
     def age_of(self, device: str, now: float) -> float | None:
         """Return the seconds since the last answer of a source; None if there was none."""
-        answers = [row.sampled_at for row in self.by_device[device].rows if row.sampled_at is not None]
-        return now - max(answers) if answers else None
+        newest_at = self.by_device[device].newest_at
+        return None if newest_at is None else now - newest_at
 
     def values(self, read: Touched, now: float, fills: Sequence[tuple[Span, bytes]] = ()) -> bytes:
         """Return what a read gets, encoded as in a response: the values of rows, with some `fills`, and all else.

@@ -1,12 +1,11 @@
 """Where the registers and coils of a virtual unit come from, by their addresses."""
 
-from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+from gateway.images.places import Places
 from gateway.images.virtual.row import Freshness, Row
 from gateway.images.virtual.settings import FreshBits, SourceAge, VirtualSettings
-from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 
 
@@ -45,30 +44,15 @@ class Touched:
         return not self.rows and all(isinstance(each, Own) for each in self.others)
 
 
-class Layout:
-    """All pieces of a unit. No address belongs to two of them."""
-
-    def __init__(self, settings: VirtualSettings, rows: Iterable[Row]) -> None:
-        own = (
-            Own(Span(area, first, last - first + 1))
-            for area, ranges in settings.own.areas.items()
-            for first, last in ranges
-        )
-        pieces: list[Piece] = [*rows, *settings.fresh, *settings.ages, *own]
-        pieces.sort(key=lambda piece: piece.place.start)
-        self._pieces: dict[Area, list[Piece]] = {area: [] for area in Area}
-        for piece in pieces:
-            self._pieces[piece.place.area].append(piece)
-        self._starts = {area: [each.place.start for each in here] for area, here in self._pieces.items()}
-
-    def touched(self, span: Span) -> Iterator[Piece]:
-        """Yield the pieces with an address in `span`, in the order of their addresses."""
-        here = self._pieces[span.area]
-        at = max(0, bisect_right(self._starts[span.area], span.start) - 1)
-        while at < len(here) and here[at].place.start < span.end:
-            if here[at].place.touches(span):
-                yield here[at]
-            at += 1
+def layout(settings: VirtualSettings, rows: Iterable[Row]) -> Places[Piece]:
+    """Make the places of all pieces of a unit. No address belongs to two of them."""
+    own = (
+        Own(Span(area, first, last - first + 1))
+        for area, ranges in settings.own.areas.items()
+        for first, last in ranges
+    )
+    pieces: tuple[Piece, ...] = (*rows, *settings.fresh, *settings.ages, *own)
+    return Places((piece.place, piece) for piece in pieces)
 
 
 def _within(piece: FreshBits | SourceAge | Own, span: Span) -> FreshBits | SourceAge | Own:

@@ -1,6 +1,6 @@
 """A row of a virtual unit: a part of what is polled, and its values as clients read them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf
 from typing import Literal, NamedTuple, Protocol
@@ -35,6 +35,13 @@ class Changing(Protocol):
     changes: int
 
 
+class HasSince(Protocol):
+    """A row, or all rows of a device."""
+
+    def since(self, now: float, stale: float) -> float | None:
+        """Return when the oldest values were asked for, or an earlier time, if all are fresh."""
+
+
 class Row(Part):
     """What a row maps, and its source. `items` are those that were read last, as the device sent them.
 
@@ -43,12 +50,16 @@ class Row(Part):
     """
 
     __slots__ = (
-        "_block", "_convert", "back", "holds", "is_refused", "is_valid", "items", "mapped", "place", "source",
+        "_block", "_convert", "_of_device", "back", "holds", "is_refused", "is_valid", "items", "mapped", "place",
+        "source",
     )  # fmt: skip
 
-    def __init__(self, mapped: MappedValue, source: Source, reader: Reader, block: Changing) -> None:
+    def __init__(
+        self, mapped: MappedValue, source: Source, reader: Reader, block: Changing, of_device: "DeviceRows"
+    ) -> None:
         super().__init__(mapped.poll, reader)
         self._block = block
+        self._of_device = of_device
         self.mapped = mapped
         self.place = mapped.place
         self.source = source
@@ -80,24 +91,34 @@ class Row(Part):
         """See Part."""
         super().changed(writes)
         self._block.changes += 1
+        self._of_device.note(self)
 
-    def is_changed_by(self, write: Span) -> bool:
+    def sampled(self, at: float, writes: int) -> None:
+        """See Part."""
+        super().sampled(at, writes)
+        self._of_device.note(self)
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether it has a valid value that no write has changed since."""
+        return self.sampled_at is not None and self.is_valid and self._sampled_after >= self._changed_by
+
+    @property
+    def changed_at(self) -> tuple[Span, ...]:
         """See Part. A point may be written at other addresses than it is read."""
         point = self.mapped.point
-        if point is not None and point.write_at is not None and point.write_span.touches(write):
-            return True
-        return super().is_changed_by(write)
+        return (self.span,) if point is None or point.write_at is None else (self.span, point.write_span)
 
     def take_over(self, old: "Row") -> None:
         """Have the values and the age of an equal row of the unit that this one replaces."""
         self.go_on_from(old)
         self.items, self.is_valid, self.holds = old.items, old.is_valid, old.holds
+        self._of_device.note(self)
 
     def since(self, now: float, stale: float) -> float | None:
         """Return when its values were asked for, if they are fresh."""
         at = self.sampled_at
-        fresh = at is not None and self.is_valid and self._sampled_after >= self._changed_by and now - at <= stale
-        return at if fresh else None
+        return at if at is not None and self.is_sure and now - at <= stale else None
 
     def is_expected(self, now: float, stale: float) -> bool:
         """Tell whether its values are fresh, or will be when the poll after a write is answered."""
@@ -130,12 +151,61 @@ class Row(Part):
         return f"the value of {where} does not fit its row" if has_value else f"{where} has no valid value"
 
 
+class DeviceRows:
+    """The `rows` of a unit that are of one device: whether all are fresh, without looking at each of them."""
+
+    __slots__ = ("_oldest", "_oldest_at", "_unsure", "newest_at", "rows")
+
+    def __init__(self) -> None:
+        self.rows: list[Row] = []
+        #: When the newest of their values was asked for.
+        self.newest_at: float | None = None
+        self._unsure: dict[Row, None] = {}
+        self._oldest: Row | None = None
+        self._oldest_at = -inf
+
+    def add(self, row: Row) -> None:
+        """Add a row, which has no values yet."""
+        self.rows.append(row)
+        self._unsure[row] = None
+
+    def note(self, row: Row) -> None:
+        """Note that a row has changed."""
+        if row.is_sure:
+            self._unsure.pop(row, None)
+        else:
+            self._unsure[row] = None
+        at = row.sampled_at
+        if at is not None:
+            self.newest_at = at if self.newest_at is None else max(at, self.newest_at)
+            if at < self._oldest_at:
+                self._oldest, self._oldest_at = row, at
+
+    def since(self, now: float, stale: float) -> float | None:
+        """See HasSince."""
+        return self._since(now, stale) if not self._unsure else None
+
+    def are_expected(self, now: float, stale: float) -> bool:
+        """Tell whether all are fresh, or will be when the poll after a write is answered."""
+        return all(row.is_expected(now, stale) for row in self._unsure) and self._since(now, stale) is not None
+
+    def _since(self, now: float, stale: float) -> float | None:
+        """Return when the oldest values were asked for, or earlier, if that is not too long ago. All have some."""
+        if now - self._oldest_at > stale and (self._oldest is None or self._oldest.sampled_at != self._oldest_at):
+            self._oldest_at = inf
+            for row in self.rows:
+                at = row.sampled_at
+                if at is not None and at < self._oldest_at:
+                    self._oldest, self._oldest_at = row, at
+        return self._oldest_at if now - self._oldest_at <= stale else None
+
+
 class Freshness:
     """Whether all of some rows are fresh: most of the time one comparison tells."""
 
     __slots__ = ("_changes", "_oldest", "rows")
 
-    def __init__(self, rows: tuple[Row, ...]) -> None:
+    def __init__(self, rows: Sequence[HasSince]) -> None:
         self.rows = rows
         #: When the oldest of their values was asked for, after so many changes.
         self._oldest = -inf

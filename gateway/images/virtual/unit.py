@@ -139,7 +139,7 @@ class VirtualUnit(OrderedUnit):
         """
         if self._is_closed:
             raise StaleValue(f"{self.name} is no longer polled")
-        stale, waits, fills = self.settings.stale, False, []
+        stale, unknown, fills = self.settings.stale, [], []
         for each in read.rows:
             polls = each.source.polls
             writes = client.writes.setdefault(polls, polls.writes)
@@ -150,9 +150,10 @@ class VirtualUnit(OrderedUnit):
                 if isinstance(when_stale, int):
                     fills.append((each.place, _filled(each.place, when_stale)))
             elif not each.is_known(writes):
-                waits = True
-        if not waits:
+                unknown.append(each)
+        if not unknown:
             return read.head + self.block.values(read, now, fills)
+        self._wait(client, unknown)
         return None
 
     def _write(self, request: Request, client: ClientRequests, now: float) -> None:
