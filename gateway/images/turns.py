@@ -19,8 +19,10 @@ class PollTurns:
     def __init__(self) -> None:
         self._in_progress = 0
         self._is_passing = False
-        self._waiting: deque[Step] = deque()
-        self._overdue: deque[tuple[float, Step]] = deque()
+        #: What sends a poll, and what ends the waiting of reads for it at this time.
+        self._waiting: deque[tuple[float, Step, Step]] = deque()
+        #: What sends those for which no read waits any longer.
+        self._overdue: deque[Step] = deque()
 
     def enter(self, send: Step, overdue: Step, now: float, *, at_once: bool = False) -> None:
         """Call `send` when others are over or `at_once`; `leave` follows when what it sends is over.
@@ -31,10 +33,8 @@ class PollTurns:
             self._in_progress += 1
             send(now)
             return
-        self._waiting.append(send)
+        self._waiting.append((now + LONGEST_WAIT, send, overdue))
         self._go_on(now)
-        if self._waiting and self._waiting[-1] is send:
-            self._overdue.append((now + LONGEST_WAIT, overdue))
 
     def leave(self, now: float) -> None:
         """Note that a poll is over."""
@@ -47,10 +47,13 @@ class PollTurns:
             return
         self._is_passing = True
         try:
-            while self._overdue and self._overdue[0][0] <= now:
-                self._overdue.popleft()[1](now)
-            while self._waiting and self._in_progress < MOST_POLLS:
+            while self._waiting and self._waiting[0][0] <= now:
+                _, send, overdue = self._waiting.popleft()
+                self._overdue.append(send)
+                overdue(now)
+            while self._in_progress < MOST_POLLS and (self._overdue or self._waiting):
                 self._in_progress += 1
-                self._waiting.popleft()(now)
+                send = self._overdue.popleft() if self._overdue else self._waiting.popleft()[1]
+                send(now)
         finally:
             self._is_passing = False

@@ -81,15 +81,17 @@ class Client:
 class ManyRanges:
     """A `unit` with so many ranges, spread over `devices`, and all of its values are known at first."""
 
-    def __init__(self, ranges: int, *, devices: int = 1, mapped: bool = False, is_polled: bool = True) -> None:
-        self.ranges, self.mapped = ranges, mapped
-        self.size = 2 if mapped else SIZE
-        self.step = self.size if mapped else APART
+    def __init__(self, ranges: int, *, devices: int = 1, is_mapped: bool = False, is_polled: bool = True) -> None:
+        self.ranges = ranges
+        self.size = 2 if is_mapped else SIZE
+        self.step = self.size if is_mapped else APART
         self.now = 0.0
         turns = PollTurns()
         self.devices = {f"meter-{number}": Polled(f"meter-{number}", turns) for number in range(devices)}
+        #: The first of them.
+        self.device = self.devices["meter-0"]
         self.client = Client()
-        self.unit = self._virtual() if mapped else self._mirror()
+        self.unit = self._virtual() if is_mapped else self._mirror()
         found: dict[DevicePolls, list] = {}
         for polls, part in self.unit.wanted():
             found.setdefault(polls, []).append(part)
@@ -137,14 +139,17 @@ class ManyRanges:
     def read(self, number: int | None = None, client: Client | None = None, size: int | None = None) -> None:
         """A client's read of one range, the next one each time."""
         number = next(self._numbers) * 7919 % self.ranges if number is None else number
-        pdu = bytes((READ, *(number * self.step).to_bytes(2, "big"), 0, size or self.size))
+        self.ask(READ, number * self.step, size or self.size, client)
+
+    def ask(self, function: int, start: int, number: int, client: Client | None = None) -> None:
+        """A client's request."""
+        pdu = bytes((function, *start.to_bytes(2, "big"), *number.to_bytes(2, "big")))
         self.unit.submit(Request(UNIT, pdu, client or self.client, self.now), self.now)
 
     def write(self, number: int | None = None) -> None:
         """A client's write of one register, which the device answers."""
         number = next(self._numbers) * 7919 % self.ranges if number is None else number
-        pdu = bytes((WRITE, *(number * self.step).to_bytes(2, "big"), 0, 1))
-        self.unit.submit(Request(UNIT, pdu, self.client, self.now), self.now)
+        self.ask(WRITE, number * self.step, 1)
         for device in self.devices.values():
             while device.written:
                 sent = device.written.popleft()

@@ -27,9 +27,9 @@ class Block:
         self.own = own
         self.stale = settings.stale
         self.changes = 0
-        self.by_device = {name: DeviceRows() for name in sources}
+        self.by_device = {name: DeviceRows(self) for name in sources}
         self.rows = tuple(
-            Row(each, sources[each.device], reader, self, self.by_device[each.device]) for each in settings.values
+            Row(each, sources[each.device], reader, self.by_device[each.device]) for each in settings.values
         )
         for row in self.rows:
             self.by_device[row.mapped.device].add(row)

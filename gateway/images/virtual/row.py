@@ -50,15 +50,12 @@ class Row(Part):
     """
 
     __slots__ = (
-        "_block", "_convert", "_of_device", "back", "holds", "is_refused", "is_valid", "items", "mapped", "place",
+        "_convert", "_of_device", "back", "holds", "is_refused", "is_valid", "items", "mapped", "place",
         "source",
     )  # fmt: skip
 
-    def __init__(
-        self, mapped: MappedValue, source: Source, reader: Reader, block: Changing, of_device: "DeviceRows"
-    ) -> None:
+    def __init__(self, mapped: MappedValue, source: Source, reader: Reader, of_device: "DeviceRows") -> None:
         super().__init__(mapped.poll, reader)
-        self._block = block
         self._of_device = of_device
         self.mapped = mapped
         self.place = mapped.place
@@ -82,7 +79,7 @@ class Row(Part):
         self.items = items
         found = self._convert(items)
         is_valid = found is not None
-        self._block.changes += is_valid is not self.is_valid
+        self._of_device.block.changes += is_valid is not self.is_valid
         self.is_valid = is_valid
         self.holds |= is_valid
         return found
@@ -90,7 +87,7 @@ class Row(Part):
     def changed(self, writes: int) -> None:
         """See Part."""
         super().changed(writes)
-        self._block.changes += 1
+        self._of_device.block.changes += 1
         self._of_device.note(self)
 
     def sampled(self, at: float, writes: int) -> None:
@@ -152,11 +149,12 @@ class Row(Part):
 
 
 class DeviceRows:
-    """The `rows` of a unit that are of one device: whether all are fresh, without looking at each of them."""
+    """The `rows` of a `block` that are of one device: whether all are fresh, without looking at each of them."""
 
-    __slots__ = ("_oldest", "_oldest_at", "_unsure", "newest_at", "rows")
+    __slots__ = ("_oldest", "_oldest_at", "_unsure", "block", "newest_at", "rows")
 
-    def __init__(self) -> None:
+    def __init__(self, block: Changing) -> None:
+        self.block = block
         self.rows: list[Row] = []
         #: When the newest of their values was asked for.
         self.newest_at: float | None = None
