@@ -24,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from measure import FAULTS, Figures, run, together
-from programs import BenchError, compile_gateway, compile_into
+from programs import BenchError, compile_gateway, compile_into, gateway_of
 from scenarios import SCENARIOS, TABLE, Scenario
 
 #: What is measured in turns; `before` and the line itself only where they are asked for.
@@ -106,8 +106,8 @@ def _measure(scenario: Scenario, tools: Path, rounds: int, before: Path | None) 
 
 
 def _run(scenario: Scenario, tools: Path, kind: str, before: Path | None) -> Figures:
-    if kind == BEFORE:
-        return run(scenario, tools, "gateway", checkout=before)
+    if kind == BEFORE and before:
+        return run(scenario, tools, "gateway", program=gateway_of(before))
     return run(scenario, tools, {RELAY: "relay", EACH_BYTE: "each-byte", DIRECT: "direct"}.get(kind, "gateway"))
 
 

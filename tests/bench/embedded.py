@@ -1,6 +1,6 @@
-"""A program with a gateway and an aiohttp server in one loop: what library.py measures.
+"""A program with a gateway, in the event loop that asyncio.run makes: what library.py measures.
 
-    embedded.py CONFIG HTTP_PORT     without a CONFIG (-) there is no gateway, and without a port (0) no server
+    embedded.py CONFIG
 
 Unit 60 is a CustomUnit. Its values are those that load.c expects of a device.
 """
@@ -8,9 +8,6 @@ Unit 60 is a CustomUnit. Its values are those that load.c expects of a device.
 import asyncio
 import sys
 from collections.abc import Sequence
-from contextlib import AsyncExitStack
-
-from aiohttp import web
 
 from gateway import Area, CustomUnit, Gateway
 
@@ -30,25 +27,11 @@ class Device(CustomUnit):
         return [register(UNIT, at) for at in range(address, address + count)]
 
 
-async def answer(_: web.Request) -> web.Response:
-    """Answer what every program answers quickly."""
-    return web.json_response({"weight": 1200, "unit": "kg"})
-
-
-async def main(config: str, port: int) -> None:
+async def main(config: str) -> None:
     """Serve until the process is ended."""
-    async with AsyncExitStack() as stack:
-        if config != "-":
-            await stack.enter_async_context(Gateway.from_toml(config, units={UNIT: Device()}))
-        if port:
-            app = web.Application()
-            app.router.add_get("/", answer)
-            runner = web.AppRunner(app)
-            await runner.setup()
-            stack.push_async_callback(runner.cleanup)
-            await web.TCPSite(runner, "127.0.0.1", port).start()
+    async with Gateway.from_toml(config, units={UNIT: Device()}):
         await asyncio.Event().wait()
 
 
 if __name__ == "__main__":
-    asyncio.run(main(sys.argv[1], int(sys.argv[2])))
+    asyncio.run(main(sys.argv[1]))

@@ -2,6 +2,7 @@
 
     .venv/bin/python tests/bench/library.py calls      by the program, beside one that is only routed: ten seconds
     .venv/bin/python tests/bench/library.py units      to a unit made in Python, beside one to an image, by TCP clients
+    .venv/bin/python tests/bench/library.py line       a line of 19200 baud, with asyncio's loop and the daemon's
 
 `calls` is CPU time of one process, the least of several rounds in turns: other work only adds to it. Its line has no
 kernel behind it, and is answered at once.
@@ -10,12 +11,10 @@ kernel behind it, and is answered at once.
 import argparse
 import asyncio
 import logging
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Awaitable, Callable
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +44,8 @@ profile = "ten"
 python  = "embedded:Device"
 """
 ROUNDS, CALLS = 15, 300
+WHAT = ("calls", "units", "line")
+EMBEDDED: programs.Words = [sys.executable, HERE / "embedded.py"]
 
 
 class AnsweredAtOnce:
@@ -130,18 +131,27 @@ async def least(ways: list[Callable[[], Awaitable[object]]]) -> list[float]:
 
 def units(folder: Path) -> None:
     """Print what TCP clients see of an image, and of a unit made in Python."""
-    port = programs.free_port()
-    config = folder / "gateway.toml"
+    port, config = programs.free_port(), folder / "gateway.toml"
     config.write_text(f'[[listen]]\nbind = "tcp://127.0.0.1:{port}"\n{IMAGE}{PROFILE}')
     print("| of | clients | answers/s | p50 ms | p99 ms | CPU us |\n|---|---:|---:|---:|---:|---:|")
-    with ExitStack() as stack:
-        program = started(stack, folder, config, 0, port)
+    with measure.running("embedded", [*EMBEDDED, config], programs.processors()[1], port, folder) as program:
         for clients in (1, 16):
             for name, unit in (("an image", 200), ("a unit made in Python", UNIT)):
                 asked = Scenario(what="", clients=clients, units=str(unit))
-                told = best([asking(asked, folder, port, program) for _ in range(3)])
+                command = programs.load(asked, folder, port, program.pid)
+                told = best([measure.asked(asked, command) for _ in range(3)])
                 row = f"{told['rate']:.0f} | {told['p50']:.2f} | {told['p99']:.2f} | {told['cpu']:.0f}"
                 print(f"| {name} | {clients} | {row} |", flush=True)
+
+
+def line(folder: Path) -> None:
+    """Print what clients see of a paced line."""
+    scenario = Scenario(what="", clients=4, baud=19200, seconds=5)
+    print("| the gateway | of line | p50 ms | p99 ms | CPU us |\n|---|---:|---:|---:|---:|")
+    for name, program in (("as a daemon", programs.GATEWAY), ("in a program", EMBEDDED)):
+        told = best([measure.run(scenario, folder, "gateway", program=program) for _ in range(3)])
+        row = f"{told['of_line']:.3f} | {told['p50']:.1f} | {told['p99']:.1f} | {told['cpu']:.0f}"
+        print(f"| {name} | {row} |", flush=True)
 
 
 def best(runs: list[measure.Figures]) -> measure.Figures:
@@ -151,34 +161,18 @@ def best(runs: list[measure.Figures]) -> measure.Figures:
     return min(runs, key=lambda run: run["cpu"])
 
 
-def asking(scenario: Scenario, folder: Path, port: int, program: subprocess.Popen) -> measure.Figures:
-    """What load.c tells."""
-    command = programs.load(scenario, folder, port, program.pid)
-    return measure._figures(scenario, measure._load(scenario, command))
-
-
-def started(stack: ExitStack, folder: Path, config: Path | None, http: int, port: int) -> subprocess.Popen:
-    """Start embedded.py, and wait until it serves."""
-    command = [sys.executable, HERE / "embedded.py", config or "-", str(http)]
-    log = stack.enter_context((folder / "log").open("w"))
-    program = programs.start(command, programs.processors()[1], stdout=log, stderr=log)
-    stack.callback(programs.end, program)
-    for each in {http, port} - {0}:
-        programs.wait_for_listener(each, program)
-    return program
-
-
 def main() -> None:
     """Measure what is named, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="?", choices=("calls", "units"))
-    what = parser.parse_args().what
-    if what != "units":
+    parser.add_argument("what", nargs="*", choices=(*WHAT, []))
+    what = parser.parse_args().what or WHAT
+    if "calls" in what:
         asyncio.run(calls())
-    if what != "calls":
-        with tempfile.TemporaryDirectory(prefix="library.") as name:
-            programs.compile_into(Path(name))
-            units(Path(name))
+    with tempfile.TemporaryDirectory(prefix="library.") as name:
+        programs.compile_into(Path(name))
+        for each in (units, line):
+            if each.__name__ in what:
+                each(Path(name))
 
 
 if __name__ == "__main__":

@@ -29,11 +29,11 @@ def run(
     between: str,
     more_config: str = "",
     beside: AbstractContextManager[None] | None = None,
-    checkout: Path | None = None,
+    program: programs.Words = programs.GATEWAY,
 ) -> Figures:
     """Measure `gateway`, `relay` or `each-byte`, which is the other relay, or `direct`, a client on the line itself.
 
-    A gateway runs in the context `beside`, and may be that of another `checkout`.
+    A gateway runs in the context `beside`, and may be another `program`.
 
     Raises:
         BenchError: something has not started, or the load has not come to its end.
@@ -45,9 +45,9 @@ def run(
         try:
             programs.wait_for_ports(ttys, simulator)
             if between == "direct":
-                figures = _figures(scenario, _load(scenario, programs.load_on_line(scenario, tools, ttys[0])))
+                figures = asked(scenario, programs.load_on_line(scenario, tools, ttys[0]))
             else:
-                figures = _run(scenario, tools, Path(name), ttys, between, more_config, beside, checkout)
+                figures = _run(scenario, tools, Path(name), ttys, between, more_config, beside, program)
         finally:
             seen = programs.end(simulator)
         if not seen:
@@ -63,7 +63,7 @@ def _run(
     between: str,
     more_config: str,
     beside: AbstractContextManager[None] | None,
-    checkout: Path | None,
+    program: programs.Words,
 ) -> Figures:
     others, own = programs.processors()
     port = programs.free_port()
@@ -73,20 +73,20 @@ def _run(
         elif scenario.behind_server:
             server = programs.free_port()
             relay = programs.relay(scenario, tools, ttys, server)
-            stack.enter_context(_running("server", relay, others, server, folder))
-            command = programs.gateway(scenario, folder, [f"tcp://127.0.0.1:{server}"], port, checkout=checkout)
+            stack.enter_context(running("server", relay, others, server, folder))
+            command = programs.gateway(scenario, folder, [f"tcp://127.0.0.1:{server}"], port, program=program)
         else:
-            command = programs.gateway(scenario, folder, ttys, port, more_config, checkout)
-        program = stack.enter_context(_running(between, command, own, port, folder))
+            command = programs.gateway(scenario, folder, ttys, port, more_config, program)
+        measured = stack.enter_context(running(between, command, own, port, folder))
         stack.enter_context(beside or nullcontext())
-        before = resident(program.pid)
-        counted = _load(scenario, programs.load(scenario, tools, port, program.pid))
+        before = resident(measured.pid)
+        counted = _load(scenario, programs.load(scenario, tools, port, measured.pid))
         memory_each = (counted["gw_rss_kb"] - before) / (scenario.idle or scenario.clients)
         return _figures(scenario, counted) | {"memory_each": memory_each}
 
 
 @contextmanager
-def _running(name: str, command: list[str | Path], on: set[int], port: int, folder: Path) -> Iterator[subprocess.Popen]:
+def running(name: str, command: programs.Words, on: set[int], port: int, folder: Path) -> Iterator[subprocess.Popen]:
     """A program that listens at this port, ready to be measured."""
     log = folder / f"{name}.log"
     with log.open("w") as output:
@@ -101,7 +101,12 @@ def _running(name: str, command: list[str | Path], on: set[int], port: int, fold
         programs.end(program)
 
 
-def _load(scenario: Scenario, command: list[str | Path]) -> dict[str, Any]:
+def asked(scenario: Scenario, command: programs.Words) -> Figures:
+    """What a load tells, of whatever it asks."""
+    return _figures(scenario, _load(scenario, command))
+
+
+def _load(scenario: Scenario, command: programs.Words) -> dict[str, Any]:
     generator = programs.start(command, programs.processors()[0], stdout=-1)
     try:
         output, _ = generator.communicate(timeout=scenario.warmup + scenario.seconds + scenario.patience + 60)

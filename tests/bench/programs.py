@@ -26,8 +26,9 @@ PORTS = range(10_000, 20_000)
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 
+Words = list[str | Path]
 #: The installed one, unless PYTHONPATH leads to another.
-GATEWAY = [sys.executable, "-P", "-m", "gateway.cli.main", "run"]
+GATEWAY: Words = [sys.executable, "-P", "-m", "gateway.cli.main", "run"]
 
 
 class BenchError(Exception):
@@ -57,7 +58,7 @@ def processors() -> tuple[set[int], set[int]]:
     return {first}, {others[0] if others else first}
 
 
-def start(command: list[str | Path], on: set[int], **more: Any) -> subprocess.Popen:
+def start(command: Words, on: set[int], **more: Any) -> subprocess.Popen:
     """Start a program on these processors. It does not outlive this process."""
 
     def in_child() -> None:
@@ -77,7 +78,7 @@ def end(program: subprocess.Popen) -> str:
         return program.communicate()[0] or ""
 
 
-def devices(scenario: Scenario, tools: Path, ttys: list[Path]) -> list[str | Path]:
+def devices(scenario: Scenario, tools: Path, ttys: list[Path]) -> Words:
     """The command that simulates the lines."""
     words = ["--line-step", scenario.line_step, "--units", scenario.units, "--baud", scenario.baud, "--bits", 10]
     if scenario.dead is not None:
@@ -90,19 +91,19 @@ def devices(scenario: Scenario, tools: Path, ttys: list[Path]) -> list[str | Pat
     return [tools / "devices", *map(str, words)]
 
 
-def load(scenario: Scenario, tools: Path, port: int, process: int) -> list[str | Path]:
+def load(scenario: Scenario, tools: Path, port: int, process: int) -> Words:
     """The command that asks the gateway at `port`, which is `process`."""
     options = ["--conns", scenario.clients, "--idle", scenario.idle, "--one-listener", "--watch", process]
     prefix = "" if scenario.speak == "tcp" else f"{scenario.speak}:"
     return _load(scenario, tools, options, [f"{prefix}127.0.0.1:{port}"] * scenario.lines)
 
 
-def load_on_line(scenario: Scenario, tools: Path, tty: Path) -> list[str | Path]:
+def load_on_line(scenario: Scenario, tools: Path, tty: Path) -> Words:
     """The command that asks on the line itself."""
     return _load(scenario, tools, ["--conns", 1], [f"rtu:{tty}"])
 
 
-def _load(scenario: Scenario, tools: Path, options: list, targets: list[str]) -> list[str | Path]:
+def _load(scenario: Scenario, tools: Path, options: list, targets: list[str]) -> Words:
     words = ["--line-step", scenario.line_step, *options, "--timeout", scenario.patience]
     words += [
         "--pipeline",
@@ -121,9 +122,7 @@ def _load(scenario: Scenario, tools: Path, options: list, targets: list[str]) ->
     return [tools / "load", *map(str, words)]
 
 
-def relay(
-    scenario: Scenario, tools: Path, ttys: list[Path], port: int, *, wakes_for_each_byte: bool = False
-) -> list[str | Path]:
+def relay(scenario: Scenario, tools: Path, ttys: list[Path], port: int, *, wakes_for_each_byte: bool = False) -> Words:
     """The command of the bare relay, which sleeps until a response can be complete; or else not."""
     options = ["--ascii"] * scenario.is_ascii + (["--gap", "--baud", str(scenario.baud)] if scenario.baud else [])
     options += ["--each-byte"] * wakes_for_each_byte
@@ -138,20 +137,23 @@ def relay(
 def gateway(
     scenario: Scenario,
     folder: Path,
-    places: list[str | Path],
+    places: Words,
     port: int,
     more_config: str = "",
-    checkout: Path | None = None,
-) -> list[str | Path]:
-    """The command of the gateway, or of another checkout's; its config is written into `folder`."""
+    program: Words = GATEWAY,
+) -> Words:
+    """The command of the gateway, or of another `program`; its config is written into `folder`."""
     file = folder / "gateway.toml"
     file.write_text(config(scenario, folder, places, port) + more_config)
-    if checkout:
-        return ["env", "-u", "PYTHONPATH", checkout.absolute() / ".venv/bin/python", *GATEWAY[1:], file]
-    return [*GATEWAY, file]
+    return [*program, file]
 
 
-def config(scenario: Scenario, folder: Path, places: list[str | Path], port: int) -> str:
+def gateway_of(checkout: Path) -> Words:
+    """The gateway that is installed in another checkout."""
+    return ["env", "-u", "PYTHONPATH", checkout.absolute() / ".venv/bin/python", *GATEWAY[1:]]
+
+
+def config(scenario: Scenario, folder: Path, places: Words, port: int) -> str:
     """The gateway's config: one line for each place, which is a tty, or the address of the server that has it."""
     text = f"""
 [control]
