@@ -21,6 +21,8 @@ from pathlib import Path
 from statistics import fmean, quantiles
 from typing import NamedTuple
 
+from used import cpu, go_first
+
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from gateway.modbus import mbap
@@ -70,12 +72,6 @@ class Reading(NamedTuple):
     owners: float
 
 
-def cpu(pid: int) -> float:
-    """The seconds of CPU time that a process has used."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
 def memory(pid: int) -> float:
     """What of it is resident, in MiB, and what of that is its own and nobody else's."""
     rolled = Path(f"/proc/{pid}/smaps_rollup").read_text()
@@ -118,9 +114,7 @@ class Bench:
 
     def go_first(self) -> None:
         """All of its threads go before those of others."""
-        for pid in (os.getpid(), self.server.pid, self.asker.pid, *(each.pid for each in self.owners)):
-            for thread in Path(f"/proc/{pid}/task").iterdir():
-                os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(5))
+        go_first((os.getpid(), self.server.pid, self.asker.pid, *(each.pid for each in self.owners)))
 
     def read(self) -> Reading:
         """How everything stands."""

@@ -13,6 +13,7 @@ from typing import Any
 import programs
 from programs import BenchError
 from scenarios import Scenario
+from used import resident
 
 #: What a program between clients and lines does after its start, before it is measured, in seconds.
 SETTLING = 0.5
@@ -149,12 +150,6 @@ def _line_figures(seen: dict[str, Any]) -> Figures:
         "silence": seen["mean_gap_us"] / seen["t35_us"] if seen["t35_us"] else 0.0,
         "line_faults": sum(seen[kind] for kind in faults),
     }
-
-
-def resident(process: int) -> int:
-    """Resident memory in KiB."""
-    status = Path(f"/proc/{process}/status").read_text()
-    return int(status.split("VmRSS:")[1].split()[0])
 
 
 def together(runs: list[Figures]) -> Figures:

@@ -10,7 +10,6 @@ millisecond to hand bytes over between virtual ports, and on two cores the devic
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from statistics import mean
 from typing import NamedTuple, Self
+
+from used import cpu
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -50,12 +51,6 @@ def config(folder: Path, broker: int, lines: int) -> str:
         text += f'[[line]]\nname = "line-{line}"\nport = "{folder}/line-{line}"\nbaud = {BAUD}\ndevices = [{devices}]\n'
     row = '{ device = "meter-*", every = "1 s", at_least = "1 s" }'
     return f'{text}{PROFILE}[mqtt]\nbroker = "mqtt://127.0.0.1:{broker}"\npublish = [{row}]\n'
-
-
-def cpu(pid: int) -> float:
-    """The seconds of CPU time that a process has used."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 class Reading(NamedTuple):

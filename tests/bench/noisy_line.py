@@ -19,12 +19,12 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from subprocess import Popen
 from threading import Event, Thread
 from typing import NamedTuple
 
 import programs
 from programs import BenchError
+from used import cpu
 
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
@@ -189,9 +189,9 @@ def measured(kind: Kind, seconds: float) -> tuple[float, float]:
             if log.read_text().count("unit_resting") < len(DEAD) * kind.has_resting:
                 raise BenchError(f"not all units rest: {log.read_text()[-500:]}")
             with asked(listener, wanted=kind.is_asked) as answers:
-                before = cpu(gateway)
+                before = cpu(gateway.pid)
                 sent = line.make_noise(seconds, with_pauses=kind.is_asked)
-                return (cpu(gateway) - before) / sent * RATE, answers[0] / seconds
+                return (cpu(gateway.pid) - before) / sent * RATE, answers[0] / seconds
         finally:
             programs.end(gateway)
             line.close()
@@ -225,12 +225,6 @@ def asked(listener: int, *, wanted: bool) -> Iterator[list[int]]:
     is_over.set()
     if wanted:
         thread.join()
-
-
-def cpu(program: Popen) -> float:
-    """CPU time that a program has used, in seconds."""
-    fields = Path(f"/proc/{program.pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def main() -> int:

@@ -27,6 +27,7 @@ from statistics import mean, quantiles
 from typing import Any, NamedTuple
 
 import programs
+from used import cpu, go_first, resident
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -113,23 +114,25 @@ class Bench:
 
     def go_first(self) -> None:
         """Let the devices and the gateway go before everything else on this machine."""
-        for process in (self._devices, self.gateway.pid):
-            for thread in Path(f"/proc/{process}/task").iterdir():
-                os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(1))
+        go_first((self._devices, self.gateway.pid))
 
     def sample(self) -> Sample:
         """How it stands."""
         pid = self.gateway.pid
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        cpu = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-        memory = int(Path(f"/proc/{pid}/status").read_text().split("VmRSS:")[1].split()[0])
         written = int(Path(f"/proc/{pid}/io").read_text().split("\nwrite_bytes: ")[1].split()[0])
         words = [*COMMAND, "status", "--json", "--control", str(self._folder / "control.sock")]
         told = json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
         busy = tuple(line["busy_s"] for line in told["lines"])
         broker = told["brokers"][0]
         return Sample(
-            time.monotonic(), cpu, memory, written, busy, broker["polls"], broker["failed_polls"], broker.get("kept")
+            time.monotonic(),
+            cpu(pid),
+            resident(pid),
+            written,
+            busy,
+            broker["polls"],
+            broker["failed_polls"],
+            broker.get("kept"),
         )
 
     def during(self, seconds: float) -> list[Sample]:

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 from programs import GATEWAY, PATIENCE, compile_gateway, config
 from scenarios import Scenario
+from used import cpu, resident
 
 LINES = Scenario(what="", clients=1, lines=8)
 HELP = [*GATEWAY[:-1], "--help"]
@@ -61,16 +62,16 @@ def until_ready(file: Path, environment: dict[str, str]) -> Start:
     """The gateway with this config, until it says that it is ready."""
     began = time.perf_counter()
     with _gateway(file, environment) as program:
-        return Start(time.perf_counter() - began, _cpu(program.pid), _resident(program.pid))
+        return Start(time.perf_counter() - began, cpu(program.pid), resident(program.pid) / 1024)
 
 
 def until_applied(file: Path, environment: dict[str, str]) -> Start:
     """A reload, until it says that the config is applied; the memory is that after it."""
     with _gateway(file, environment) as program:
-        began, used = time.perf_counter(), _cpu(program.pid)
+        began, used = time.perf_counter(), cpu(program.pid)
         program.send_signal(signal.SIGHUP)
         _wait_for("config_applied", program)
-        return Start(time.perf_counter() - began, _cpu(program.pid) - used, _resident(program.pid))
+        return Start(time.perf_counter() - began, cpu(program.pid) - used, resident(program.pid) / 1024)
 
 
 @contextmanager
@@ -101,17 +102,6 @@ def _environment(compiled: Path) -> dict[str, str]:
     environment = os.environ | {"PYTHONPYCACHEPREFIX": str(compiled)}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
     return environment
-
-
-def _cpu(process: int) -> float:
-    """CPU time that a process has used, in seconds."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _resident(process: int) -> float:
-    """Resident memory in MiB."""
-    return int(Path(f"/proc/{process}/status").read_text().split("VmRSS:")[1].split()[0]) / 1024
 
 
 def main() -> None:

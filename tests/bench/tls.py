@@ -24,6 +24,8 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+from used import resident
+
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from gateway.modbus.mbap import encode
@@ -153,7 +155,7 @@ def _memory(gateway: GatewayProcess, ports: tuple[int, int], context: ssl.SSLCon
         ("plain", lambda: socket.create_connection(("127.0.0.1", ports[0]))),
         ("TLS", lambda: _connect(ports[1], context)),
     ):
-        before = _resident(gateway)
+        before = resident(gateway.pid)
         clients = []
         for _ in range(count):
             client = connect()
@@ -161,7 +163,7 @@ def _memory(gateway: GatewayProcess, ports: tuple[int, int], context: ssl.SSLCon
             client.recv(260)
             clients.append(client)
         time.sleep(1.0)
-        after = _resident(gateway)
+        after = resident(gateway.pid)
         print(f"{count} {name} connections: {(after - before) / count:.1f} KiB each, {after / 1024:.0f} MiB in all")
         for client in clients:
             client.close()
@@ -229,11 +231,6 @@ def _processor_time(gateway: GatewayProcess, thread: int = 0) -> float:
     task = f"task/{thread}/" if thread else ""
     fields = Path(f"/proc/{gateway.pid}/{task}stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / TICKS
-
-
-def _resident(gateway: GatewayProcess) -> int:
-    """KiB."""
-    return int(Path(f"/proc/{gateway.pid}/status").read_text().split("VmRSS:")[1].split()[0])
 
 
 if __name__ == "__main__":

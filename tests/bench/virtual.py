@@ -24,8 +24,8 @@ from statistics import quantiles
 from struct import pack, unpack, unpack_from
 
 import programs
-from mqtt import cpu
 from scenarios import Scenario
+from used import cpu, resident
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -133,18 +133,18 @@ def size(tools: Path, seconds: float, counts: list[int]) -> None:
     for count in counts:
         config = block(islice(registers(count), count)) if count else ""
         with gateway(HALL, tools, config) as process:
-            start = cpu_with_children(process.pid)
+            start = cpu(process.pid, with_children=True)
             if count:
                 read_once(process.port, count)
             time.sleep(5.0)
             before, since = cpu(process.pid), time.monotonic()
             time.sleep(seconds)
             share = (cpu(process.pid) - before) / (time.monotonic() - since)
-            memory = int(Path(f"/proc/{process.pid}/status").read_text().split("VmRSS:")[1].split()[0]) / 1024
-            before = cpu_with_children(process.pid)
+            memory = resident(process.pid) / 1024
+            before = cpu(process.pid, with_children=True)
             process.signal(signal.SIGHUP)
             process.wait_for("config_applied")
-            reload = cpu_with_children(process.pid) - before
+            reload = cpu(process.pid, with_children=True) - before
             check = cpu_of([*COMMAND, "check", str(process.config)])
         print(f"| {count} | {share:.1%} | {memory:.0f} | {check:.2f} | {start:.2f} | {reload:.2f} |", flush=True)
 
@@ -162,12 +162,6 @@ def read_once(port: int, count: int) -> None:
     """Read the first registers, and check them."""
     rows = islice(registers(count), min(count, MOST))
     Scada(port).read(UNIT, [(int(device.rpartition("-")[2]), first) for device, first, _ in rows])
-
-
-def cpu_with_children(pid: int) -> float:
-    """The seconds of CPU time that a process and its ended children have used: one of them reads the config."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return sum(int(field) for field in fields[11:15]) / 100
 
 
 def cpu_of(command: list[str]) -> float:
