@@ -3,18 +3,16 @@
     ./deploy/go compile && .venv/bin/python tests/bench/micro.py
 
 The best of several repetitions: other work on the machine can only make a piece slower. `whole way` is a request from
-the client's bytes to the line's and back, with everything but sockets, ports and the loop. `refused` is a request from
-the router on, at a line for which as many wait as may: that number must make no difference.
+the client's bytes to the line's and back, with everything but sockets, ports and the loop.
 """
 
 import asyncio
 from collections.abc import Callable
-from itertools import cycle
 from timeit import Timer
 
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
-from gateway.events import Emit, discard_event
+from gateway.events import Emit
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
@@ -24,7 +22,7 @@ from gateway.modbus.rtu import crc16
 from gateway.modbus.scan import Expected, Scanner
 from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
-from gateway.request import Caller, Request
+from gateway.request import Caller
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 from gateway.timing.budget import AnswerTime, Budget
@@ -44,9 +42,6 @@ port = "/dev/ttyS0"
 format = "8N1"
 gap = "0"
 """
-#: How many requests wait at a line whose queue is full, and how many of them are each client's.
-FULL = (64, 1024, 10_000)
-EACH = 16
 ANSWER_TIME = AnswerTime(TimingTable(), margin=1.5, timeout=0.5)
 
 Piece = tuple[str, Callable[[], object]]
@@ -107,64 +102,6 @@ class Table:
         self._sent = data
 
 
-class Client:
-    """One from a host of its own. `is_gone` once it has left."""
-
-    is_gone = False
-
-    def __init__(self, number: int) -> None:
-        host = f"127.0.{number // 250}.{number % 250 + 1}"
-        self.caller = Caller(f"{host}:1", host, host)
-
-    def wants(self, request: Request) -> bool:
-        """As long as it is there."""
-        return not self.is_gone
-
-    def answer(self, request: Request, pdu: bytes | None) -> None:
-        """Nothing follows."""
-
-
-class FullLine:
-    """A line that does not answer, and for which so many requests wait as may."""
-
-    is_virtual = True
-    has_arrived = None
-    latency = 0.0
-
-    def __init__(self, size: int) -> None:
-        gateway = running(f'{CONFIG}queue = {size}\nmax_wait = "1 h"\n', discard_event)
-        gateway.lines[0].driver.port_up(self)
-        self._router = gateway.listeners[0].router
-        self._now = asyncio.get_running_loop().time()
-        clients = [Client(number) for number in range(size // EACH)]
-        self._greedy = cycle(clients)
-        for client in [clients[0], *clients * EACH]:
-            self._ask(client)
-
-    def write(self, data: bytes) -> None:
-        """The request on the line, which is not answered."""
-
-    def read_now(self) -> None:
-        """Nothing stands unread on the line."""
-
-    def is_refused(self) -> None:
-        """One of those with most asks for more."""
-        self._ask(next(self._greedy))
-
-    def makes_another_lose(self) -> None:
-        """Somebody asks, for whom another one loses a request; and leaves, so that that one can ask again."""
-        newcomer = Client(60_000)
-        request = self._ask(newcomer)
-        newcomer.is_gone = True
-        request.give_up()
-        self._ask(next(self._greedy))
-
-    def _ask(self, client: Client) -> Request:
-        request = Request(UNIT, read(10)[0], client, self._now)
-        self._router.submit(request, self._now)
-        return request
-
-
 def running(config: str, emit: Emit) -> Gateway:
     """A gateway with this config."""
     plan = resolve(parse(config, port_trouble=lambda _: None, real_path=lambda port: port).config)
@@ -214,8 +151,6 @@ def pieces() -> list[Piece]:
         ("MBAP response made", lambda: mbap.encode(7, UNIT, response)),
         ("whole way, 10 registers", Table(10).ask),
         ("whole way, 125 registers", Table(125).ask),
-        *((f"refused, {size} wait", FullLine(size).is_refused) for size in FULL),
-        *((f"another is refused, and asks again, {size} wait", FullLine(size).makes_another_lose) for size in FULL),
     ]
 
 

@@ -18,18 +18,19 @@ WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 380, 190, 40, 56, 34, 40
 #: So far apart numbers can be read, in pixels.
 APART = 50
 
-#: A row as growth.py writes it: `what`, `unit`, and `figures`, the cost at each size.
+#: A row as growth.py writes it: `name`, `size` and `unit` in words, and `costs` at each size.
 Row = dict
 
 
-def picture(rows: dict[str, Row], before: dict[str, Row]) -> str:
+def picture(rows: list[Row], before: list[Row]) -> str:
     """The panels of all rows, two beside each other."""
     height = HEIGHT * ((len(rows) + 1) // 2)
-    told = "; ".join(f"{_plain(row['what'])}: {_told(row)}" for row in rows.values())
+    told = "; ".join(map(_told, rows))
+    older = {_title(row): row for row in before}
     panels = [
         f'<g transform="translate({WIDTH * (number % 2)} {HEIGHT * (number // 2)})">'
-        f"{panel(row, before.get(name), COLOURS[number % len(COLOURS)])}</g>"
-        for number, (name, row) in enumerate(rows.items())
+        f"{panel(row, older.get(_title(row)), COLOURS[number % len(COLOURS)])}</g>"
+        for number, row in enumerate(rows)
     ]
     size = f'viewBox="0 0 {2 * WIDTH} {height}" width="{2 * WIDTH}" height="{height}"'
     return (
@@ -61,8 +62,8 @@ def panel(row: Row, before: Row | None, colour: str) -> str:
         return f'<polyline points="{points}" fill="none" stroke="{ink}" stroke-width="2"/>{dots}'
 
     floor, left = HEIGHT - BOTTOM, LEFT / 2
-    text = f'<text x="{left:.0f}" y="20" font-size="13" font-weight="bold">{escape(_plain(row["what"]))}</text>'
-    text += f'<text x="{left:.0f}" y="38" fill="#555">{escape(row["unit"])}</text>'
+    text = f'<text x="{left:.0f}" y="20" font-size="13" font-weight="bold">{escape(_plain(row["name"]))}</text>'
+    text += f'<text x="{left:.0f}" y="38" fill="#555">{escape(row["unit"])}, by {escape(row["size"])}</text>'
     text += f'<path d="M{left:.0f} {floor}H{WIDTH - RIGHT / 2:.0f}" stroke="#888" stroke-width="2"/>'
     if before:
         text += curve(_figures(before), "#bbb")
@@ -75,17 +76,21 @@ def panel(row: Row, before: Row | None, colour: str) -> str:
     return text
 
 
-def _figures(row: Row) -> dict[float, float]:
-    return {float(size): cost for size, cost in row["figures"].items()}
+def _title(row: Row) -> str:
+    return f"{_plain(row['name'])}, by {row['size']}"
 
 
 def _plain(text: str) -> str:
     return text.replace("`", "")
 
 
+def _figures(row: Row) -> dict[float, float]:
+    return {float(size): cost for size, cost in row["costs"].items()}
+
+
 def _told(row: Row) -> str:
     figures = ", ".join(f"{_short(cost)} at {_short(size)}" for size, cost in _figures(row).items())
-    return f"{figures} {row['unit']}"
+    return f"{_title(row)}: {figures} {row['unit']}"
 
 
 def _short(number: float) -> str:
@@ -98,7 +103,7 @@ def main() -> None:
     parser.add_argument("file", type=Path, help="what growth.py has written")
     parser.add_argument("--before", type=Path, metavar="FILE", help="the same of an older gateway")
     args = parser.parse_args()
-    before = json.loads(args.before.read_text()) if args.before else {}
+    before = json.loads(args.before.read_text()) if args.before else []
     PICTURE.write_text(picture(json.loads(args.file.read_text()), before))
 
 
