@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from functools import partial
+from math import inf
 from typing import Protocol
 
 from gateway.errors import LineDown, PortError
@@ -50,7 +51,10 @@ class LineDriver:
         self._rate_changed = rate_changed
         self._emit = emit
         self._time = loop.time
+        #: When the port is read again, None for as bytes come; whether it is being read. When to wake the line.
         self._read_at: float | None = None
+        self._is_reading = False
+        self._line_at = 0.0
         name = f"line {line.settings.name}"
         self._permission = permission
         if permission is not None:
@@ -62,9 +66,12 @@ class LineDriver:
         line = self.line
         if line.can_send(now):
             self._read_port()
-        is_planned = line.is_busy and line.queue.has_expiry  # then its deadline cannot become earlier
+        was_busy = line.is_busy
+        is_planned = was_busy and line.queue.has_expiry  # then its deadline cannot become earlier
         try:
             line.submit(transaction, now)
+            if not was_busy:
+                self._look_away(now)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
             self._boundary.fail(error)
             transaction.fail_open(LineDown())  # the line may not have taken it over
@@ -90,7 +97,8 @@ class LineDriver:
             self._receive(data, self._time(), damaged)
         except Exception as error:  # noqa: BLE001 - the error boundary of a line, see `run` of ErrorBoundary
             self._boundary.fail(error)
-        self._boundary.plan(self._deadline())
+        if not self._is_reading:
+            self._boundary.plan(self._deadline())
 
     def port_ended(self, open_again: OpenAgain, *, at_once: bool) -> bool:
         """End the connection. Return whether it may stay closed until it is needed."""
@@ -139,15 +147,19 @@ class LineDriver:
 
     def _deadline(self) -> float | None:
         deadline = self.line.deadline()
+        self._line_at = inf if deadline is None else deadline
         return deadline if self._read_at is None else earliest(deadline, self._read_at)
 
     def _tick(self) -> None:
+        """Read the port, and wake the line if it is time."""
         self._read_port()
         line, now = self.line, self._time()
-        line.tick(now)
-        is_stuck = line.must_renew(now)
-        if is_stuck or line.may_leave(now):
-            self._close_port(is_stuck=is_stuck)
+        if now >= self._line_at:
+            line.tick(now)
+            is_stuck = line.must_renew(now)
+            if is_stuck or line.may_leave(now):
+                self._close_port(is_stuck=is_stuck)
+        self._look_away(now)
 
     def _close_port(self, *, is_stuck: bool) -> None:
         """Close the connection. A new one is opened at once, or when it is needed."""
@@ -162,11 +174,19 @@ class LineDriver:
         """Read what the port has received, before anything is sent or times out."""
         self._read_at = None
         if self._boundary.port is not None:
-            self._boundary.port.read_now()
+            self._is_reading = True
+            try:
+                self._boundary.port.read_now()
+            finally:
+                self._is_reading = False
 
     def _receive(self, data: bytes, now: float, damaged: bool) -> None:  # noqa: FBT001 - a step of the boundary
-        """Take bytes, and pause the port if possible. The rest of one read may still come while it is paused."""
         self.line.received(data, now, damaged=damaged)
+        if not self._is_reading:
+            self._look_away(now)
+
+    def _look_away(self, now: float) -> None:
+        """Pause the port if possible. The rest of one read may still come while it is paused."""
         read_at, port = self.line.read_at(now), self._boundary.port
         if read_at is not None and port is not None and port.pause():
             self._read_at = read_at

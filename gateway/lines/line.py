@@ -254,7 +254,11 @@ class Line:
 
     def read_at(self, now: float) -> float | None:
         """Return when to read the port again: no earlier byte decides anything. None: at the next byte."""
-        return None if self.ledger.late else self._receiver.read_at(now)
+        if self.ledger.late:
+            return None
+        if now < self._quiet_at and len(self.queue) and self._state == "idle" and self._receiver.is_undisturbed(now):
+            return self._quiet_at  # it is read before the next request is sent
+        return self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence, a time limit or a late window may have ended."""

@@ -35,6 +35,10 @@ class Pace:
         self._first_at = 0.0
         self._first = 0
         self._came = 0
+        #: When it is looked for, and when it is foreseen to be complete, 0 if that is unknown; whether nobody looks.
+        self._look_at = 0.0
+        self._ends_at = 0.0
+        self._is_awaited = False
         #: The idle line: when the last byte came, and the number of bytes since the last silence.
         self._idle_at = 0.0
         self._since_silence = 0
@@ -48,6 +52,18 @@ class Pace:
     def begin(self) -> None:
         """Start anew: a request is sent."""
         self._first = self._came = self._since_silence = 0
+        self._ends_at = 0.0
+        self._is_awaited = False
+
+    def foresee(self, look_at: float, ends_at: float) -> None:
+        """Expect the response to be complete at `ends_at`; if it is not an exception, whose end is at `look_at`."""
+        self._look_at = look_at
+        self._ends_at = ends_at
+
+    @property
+    def was_there(self) -> bool:
+        """Whether what was read last had not been looked for before it was foreseen to be there."""
+        return self._is_awaited
 
     def add(self, size: int, now: float) -> None:
         """Count received bytes that may be part of the response."""
@@ -66,8 +82,15 @@ class Pace:
         """Return when to read again if `missing` or more bytes of a response are still to come; None: at the next byte.
 
         Bytes that came faster than the line's rate do not tell when the rest comes. Only bytes after the first ones
-        count, because the device may have taken its time before them.
+        count, because the device may have taken its time before them. What is foreseen is not looked for before.
         """
+        if self._ends_at:
+            at = self._foreseen_at(missing)
+            if at - now >= SHORTEST_PAUSE_CHARS * self._character:
+                self._is_awaited = True
+                return min(at, now + LONGEST)
+            self._ends_at = 0.0
+        self._is_awaited = False
         came, character = self._came - self._first, self._character
         late = now - self._first_at - came * character
         if late < -_ROUGHLY * character:
@@ -77,6 +100,12 @@ class Pace:
         pause = (missing - LAST_BYTES_READ_SINGLY) * character - held_back
         pause = min(pause, LONGEST if came else LONGEST_UNPROVEN)
         return None if pause < SHORTEST_PAUSE_CHARS * character else now + pause
+
+    def _foreseen_at(self, missing: int) -> float:
+        """Return when to look for the response, or for its rest; 0 if something else has come."""
+        if not self._came:
+            return self._look_at
+        return self._ends_at if missing else 0.0
 
     def read_idle_at(self, now: float) -> float | None:
         """Return when to read the idle line again: noise, longer than any frame, need not be read byte by byte."""

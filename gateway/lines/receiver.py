@@ -10,6 +10,7 @@ from gateway.errors import AmbiguousResponse, RequestError
 from gateway.lines.attribution import Attribution, Owner
 from gateway.lines.echo import EchoDetector
 from gateway.lines.exchange import Exchange
+from gateway.lines.foresight import Foresight
 from gateway.lines.ledger import Ledger
 from gateway.lines.pacing import Pace
 from gateway.lines.settings import LineSettings
@@ -77,6 +78,7 @@ class Receiver:
         self._budget: Budget
         self._scanner: Scanner = AsciiScanner() if is_ascii else RtuScanner()
         self._pace = Pace(MAX_ASCII_ADU if is_ascii else MAX_RTU_ADU)
+        self._foresight = Foresight(ledger, self.attribution, echo, self._pace)
         #: The first bytes since the request on the line, and the frames that are not its response; on the idle line the
         #: last frames.
         self._text = b""
@@ -90,6 +92,7 @@ class Receiver:
         self._scanner.silence = silence
         self._echo.tune(virtual=virtual)
         self._pace.tune(budget.line.character, silence, virtual=virtual)
+        self._foresight.forget()
 
     @property
     def position(self) -> int:
@@ -102,6 +105,7 @@ class Receiver:
         # Another client's copy takes as long as our request, by its own clock, and cannot begin before ours was sent.
         soon = min(scanner.silence, _SOONEST * (transaction.ends_at - now))
         echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
+        is_undisturbed = self.is_undisturbed(now)
         self.attribution.begin(ours, scanner.position, echo_until)
         echo.record_copies(self.attribution.echoes_in_a_row, transaction)
         sent = scanner.encode(transaction.unit, transaction.asked.data)
@@ -111,7 +115,13 @@ class Receiver:
             self._text = b""
             self._frames.clear()
             self.damaged_at = None
+            if is_undisturbed:
+                self._foresight.begin(ours, self._budget.line)
         return sent
+
+    def is_undisturbed(self, now: float) -> bool:
+        """Tell whether nothing has come since the last response, and nothing is expected; see Foresight."""
+        return self._foresight.is_undisturbed(self._scanner.position, now)
 
     def received(self, data: bytes, now: float, *, damaged: bool = False, early: bool = False) -> Outcome:
         """Take bytes. The response begins after `early` ones: the unit had not received the request."""
@@ -256,6 +266,8 @@ class Receiver:
                 count = end - ours.place
                 self._telling.record_noise(self._text[:count], count, ours.asked_at)
             self._notice_echo(ours)
+        elif doubt is None and ours.since == ours.place:
+            self._foresight.answered(ours, token, self._budget.line)
         self._behind += self._scanner.end()
         if doubt is None:
             return token.frame

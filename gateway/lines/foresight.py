@@ -1,0 +1,120 @@
+"""Foresees when a response will be complete, from the last ones of the same unit, function and size.
+
+Until then nobody need look at the port. What that takes, and why no byte from before the end of a request is taken for
+its response then: docs/adr/0044-who-foresees-a-response.md
+"""
+
+from typing import Final
+
+from gateway.lines.attribution import Attribution
+from gateway.lines.echo import EchoDetector
+from gateway.lines.exchange import Exchange
+from gateway.lines.ledger import Ledger
+from gateway.lines.pacing import Pace
+from gateway.modbus.codes import EXCEPTION_BIT
+from gateway.modbus.scan import EXCEPTION_SIZE, Token
+from gateway.timing.characters import LineTiming
+
+#: So many kinds of requests are remembered; then all are forgotten.
+_MOST: Final = 1024
+#: An exception may be seen later by this many bytes of a longer PDU.
+_LATEST_EXCEPTION: Final = 20
+#: A response that was complete when first looked for may have been so before: next it is looked for sooner by this
+#: many characters, and by twice as many each further time.
+_SOONER: Final = 0.125
+#: After a later response the next one is expected later by one character, or by this share of the difference.
+_LATER: Final = 0.125
+
+
+class Habit:
+    """When the responses of one kind are complete, in seconds after the end of their requests."""
+
+    __slots__ = ("after", "is_usual", "sooner")
+
+    def __init__(self, after: float) -> None:
+        self.after = after
+        #: Whether the last response was normal, and came about when it was expected.
+        self.is_usual = True
+        self.sooner = 0.0
+
+    def came(self, after: float, wire_time: float, character: float) -> None:
+        """Note that a response, whose characters take `wire_time`, was seen to be completed."""
+        late = after - self.after
+        self.is_usual = late < wire_time
+        self.sooner = 0.0
+        self.after = after if late <= 0.0 else min(after, self.after + max(character, _LATER * late))
+
+    def was_there(self, after: float, character: float) -> None:
+        """Note that a response was complete when it was expected, or sooner."""
+        self.is_usual = True
+        self.sooner = 2 * self.sooner or _SOONER * character
+        self.after = min(self.after, after) - self.sooner
+
+
+class Foresight:
+    """The habits of the units of one line. It sets when `pace` lets the port be looked at."""
+
+    def __init__(self, ledger: Ledger, attribution: Attribution, echo: EchoDetector, pace: Pace) -> None:
+        self._ledger = ledger
+        self._attribution = attribution
+        self._echo = echo
+        self._pace = pace
+        self._habits: dict[int, Habit] = {}
+
+    def is_undisturbed(self, position: int, now: float) -> bool:
+        """Tell whether the last request was answered, nothing has come since, and nothing but a response can come."""
+        last = self._ledger.last
+        return (
+            last is not None
+            and last.is_answered
+            and last.end_place == position
+            and not (self._ledger.late or self._ledger.heard or self._echo.echoes)
+            and self._attribution.is_alone(now)
+        )
+
+    def begin(self, ours: Exchange, timing: LineTiming) -> None:
+        """Foresee the response to a request that is sent on an undisturbed line, if the last one was as usual."""
+        habit = self._habits.get(_kind(ours))
+        if habit is None or not habit.is_usual:
+            return
+        habit.is_usual = False
+        size = ours.asked.response_size
+        if size is None or not _is_plain(ours):
+            return
+        ends_at = ours.asked_at + habit.after
+        longer = size - EXCEPTION_SIZE
+        begun_at = ends_at if longer <= _LATEST_EXCEPTION else ends_at - timing.frame(longer) + timing.frame(0)
+        self._pace.foresee(begun_at, ends_at)
+
+    def answered(self, ours: Exchange, token: Token, timing: LineTiming) -> None:
+        """Note the response to a request, which came alone."""
+        after, pdu = token.at - ours.asked_at, token.frame.pdu
+        if after <= 0.0 or pdu[0] & EXCEPTION_BIT:  # or the port does not keep the line's pace
+            return
+        kind = _kind(ours)
+        habit = self._habits.get(kind)
+        if habit is None:
+            if len(self._habits) >= _MOST:
+                self._habits.clear()
+            self._habits[kind] = Habit(after)
+        elif self._pace.was_there:
+            habit.was_there(after, timing.character)
+        else:
+            habit.came(after, timing.frame(len(pdu)), timing.character)
+
+    def forget(self) -> None:
+        """Forget all habits: the line has changed."""
+        self._habits.clear()
+
+
+def _kind(ours: Exchange) -> int:
+    """Return the number of a unit, a function and a size."""
+    asked = ours.asked
+    return (ours.unit << 8 | asked.function) << 9 | asked.longest_response
+
+
+def _is_plain(ours: Exchange) -> bool:
+    """Tell whether it is a read, sent once, whose response cannot be an echo of it."""
+    asked = ours.asked
+    is_single = ours.owed == 1 and not ours.sender.is_repeat
+    return asked.only_reads and is_single and asked.response_size != len(asked.data)
