@@ -20,8 +20,9 @@ _MOST: Final = 1024
 #: An exception may be seen later by this many bytes of a longer PDU.
 _LATEST_EXCEPTION: Final = 20
 #: A response that was complete when first looked for may have been so before: next it is looked for sooner by this
-#: many characters, and by twice as many each further time.
-_SOONER: Final = 0.125
+#: many characters, and by four times as many each further time.
+_SOONER: Final = 1 / 32
+_EACH_TIME: Final = 4
 #: After a later response the next one is expected later by one character, or by this share of the difference.
 _LATER: Final = 0.125
 
@@ -44,11 +45,11 @@ class Habit:
         self.sooner = 0.0
         self.after = after if late <= 0.0 else min(after, self.after + max(character, _LATER * late))
 
-    def was_there(self, after: float, character: float) -> None:
+    def was_there(self, character: float) -> None:
         """Note that a response was complete when it was expected, or sooner."""
         self.is_usual = True
-        self.sooner = 2 * self.sooner or _SOONER * character
-        self.after = min(self.after, after) - self.sooner
+        self.sooner = _EACH_TIME * self.sooner or _SOONER * character
+        self.after -= self.sooner
 
 
 class Foresight:
@@ -60,6 +61,8 @@ class Foresight:
         self._echo = echo
         self._pace = pace
         self._habits: dict[int, Habit] = {}
+        #: By how much the gateway reads too late, in seconds.
+        self._lag = 0.0
 
     def is_undisturbed(self, position: int, now: float) -> bool:
         """Tell whether the last request was answered, nothing has come since, and nothing but a response can come."""
@@ -96,11 +99,12 @@ class Foresight:
         if habit is None:
             if len(self._habits) >= _MOST:
                 self._habits.clear()
-            self._habits[kind] = Habit(after)
+            self._habits[kind] = Habit(after - self._lag)
         elif self._pace.was_there:
-            habit.was_there(after, timing.character)
+            self._lag = min(max(0.0, after - habit.after), timing.character)
+            habit.was_there(timing.character)
         else:
-            habit.came(after, timing.frame(len(pdu)), timing.character)
+            habit.came(after - self._lag, timing.frame(len(pdu)), timing.character)
 
     def forget(self) -> None:
         """Forget all habits: the line has changed."""

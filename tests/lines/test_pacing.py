@@ -2,29 +2,23 @@
 
 import asyncio
 from dataclasses import replace
-from typing import Self
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.devices.device import Device
-from gateway.lines.driver import LineDriver
-from gateway.lines.line import Line
 from gateway.lines.pacing import HELD_BACK, LONGEST, LONGEST_UNPROVEN, NOISE, Pace
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.codes import MAX_ASCII_ADU, MAX_RTU_ADU
 from gateway.modbus.rtu import encode
 from gateway.timing.characters import CharacterFormat, LineTiming, Mode
-from kit.asker import Asker
-from kit.line_bench import ASCII, READ, REQUEST_TIME, SETTINGS, TIMING, Bench
-from kit.memory import MemoryLine
+from kit.line_bench import ASCII, READ, REQUEST_TIME, TIMING, Bench
 from kit.noise import noise
 from kit.virtual_time import VirtualTimeLoop
+from kit.wired import READ_TEN, Wired
 
 CHARACTER = TIMING.character
-#: A read of ten registers, its response, and its exception.
-READ_TEN = "03 00 10 00 0A"
+#: The response to a read of ten registers, and its exception.
 TEN = encode(1, bytes.fromhex("03 14") + bytes(range(20)))
 EXCEPTION = encode(1, bytes.fromhex("83 02"))
 ASCII_TEN = ascii_framing.encode(1, TEN[1:-2])
@@ -275,60 +269,6 @@ def test_in_ascii_each_character_of_what_is_no_answer_is_looked_at(ascii_bench: 
 
 
 # --- what a driver does about it ---
-
-
-class Wired:
-    """A driver on a line in memory, on which devices talk at the line's rate. Unless it `looks_away`, it sees each."""
-
-    def __init__(self, timing: LineTiming = TIMING, *, virtual: bool = True, looks_away: bool = True) -> None:
-        self.timing = timing
-        self.virtual = virtual
-        self.looks_away = looks_away
-        self.loop = asyncio.get_running_loop()
-        self.events: list[object] = []
-        self.memory = MemoryLine(latency=0.005)
-        settings = replace(SETTINGS, timing=timing)
-        self.driver = LineDriver(Line(settings, self.events.append), self.loop, self.events.append, [].append)
-        self.user = User(self.driver)
-        self.client = Asker()
-        self.device = Device(Bench().device().settings, self.driver)
-
-    async def __aenter__(self) -> Self:
-        port = await self.memory.open_port(self.user)
-        port.is_virtual = self.virtual
-        if not self.looks_away:
-            port.pause = lambda: False  # type: ignore[method-assign]
-        self.driver.port_up(port)
-        await asyncio.sleep(1.0)
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self.driver.close()
-
-    async def asks(self, pdu: str = READ_TEN) -> None:
-        """Ask; return when a device has the request."""
-        now = self.loop.time()
-        self.device.submit(self.client.ask(pdu, now=now), now)
-        await asyncio.sleep(self.timing.frame(len(bytes.fromhex(pdu))) + 4 * self.timing.character)
-
-    async def says(self, data: bytes) -> None:
-        for byte in data:
-            await asyncio.sleep(self.timing.character * 0.9999)  # no two clocks are the same
-            self.memory.deliver(bytes((byte,)))
-
-
-class User:
-    """The driver as its port sees it; the reconnector is not here. `wakes` counts how often bytes woke it."""
-
-    def __init__(self, driver: LineDriver) -> None:
-        self.driver = driver
-        self.lost = driver.port_down
-        self.damaged = False
-        self.wakes = 0
-
-    def received(self, data: bytes) -> None:
-        self.wakes += 1
-        self.driver.received(data, damaged=self.damaged)
 
 
 @pytest.mark.parametrize(
