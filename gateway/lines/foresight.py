@@ -118,7 +118,8 @@ def _kind(ours: Exchange) -> int:
 
 
 def _is_plain(ours: Exchange) -> bool:
-    """Tell whether it is a read, sent once, whose response cannot be an echo of it."""
+    """Tell whether it is a read of one unit, sent once, whose response cannot be an echo of it."""
     asked = ours.asked
     is_single = ours.owed == 1 and not ours.sender.is_repeat
-    return asked.only_reads and is_single and asked.response_size != len(asked.data)
+    is_known = ours.answers_from is not None and asked.response_size != len(asked.data)
+    return asked.only_reads and is_single and is_known

@@ -256,9 +256,7 @@ class Line:
         """Return when to read the port again: no earlier byte decides anything. None: at the next byte."""
         if self.ledger.late:
             return None
-        if now < self._quiet_at and len(self.queue) and self._state == "idle" and self._receiver.is_undisturbed(now):
-            return self._quiet_at  # it is read before the next request is sent
-        return self._receiver.read_at(now)
+        return self._quiet_at if self._is_silent(now) else self._receiver.read_at(now)
 
     def tick(self, now: float) -> None:
         """Let time pass: a silence, a time limit or a late window may have ended."""
@@ -276,6 +274,11 @@ class Line:
         elif current is not None and self._is_awaiting and now >= self._next_step(current):
             self._give_up(current, now)
         self._go_on(now)
+
+    def _is_silent(self, now: float) -> bool:
+        """Tell whether a request waits only for the silence after a response: the port is read before it is sent."""
+        is_gap = self._state == "idle" and 0.0 < self._quiet_at - now <= self._gap
+        return is_gap and len(self.queue) > 0 and self._receiver.is_undisturbed(now)
 
     @property
     def _is_awaiting(self) -> bool:
