@@ -25,6 +25,8 @@ _SOONER: Final = 1 / 32
 _EACH_TIME: Final = 4
 #: After a later response the next one is expected later by one character, or by this share of the difference.
 _LATER: Final = 0.125
+#: So many seconds after anything that was no response to a request nothing is foreseen: more of it may come.
+CALM: Final = 60.0
 
 
 class Habit:
@@ -61,19 +63,25 @@ class Foresight:
         self._echo = echo
         self._pace = pace
         self._habits: dict[int, Habit] = {}
-        #: By how much the gateway reads too late, in seconds.
+        #: By how much the gateway reads too late, in seconds; from when on responses are foreseen again.
         self._lag = 0.0
+        self._calm_at = 0.0
 
     def is_undisturbed(self, position: int, now: float) -> bool:
-        """Tell whether the last request was answered, nothing has come since, and nothing but a response can come."""
+        """Tell whether the last request was answered, only responses come, and nothing else is expected."""
         last = self._ledger.last
         return (
             last is not None
             and last.is_answered
             and last.end_place == position
             and not (self._ledger.late or self._ledger.heard or self._echo.echoes)
+            and now >= self._calm_at
             and self._attribution.is_alone(now)
         )
+
+    def disturbed(self, now: float) -> None:
+        """Note that something else than a response was received."""
+        self._calm_at = now + CALM
 
     def begin(self, ours: Exchange, timing: LineTiming) -> None:
         """Foresee the response to a request that is sent on an undisturbed line, if the last one was as usual."""

@@ -129,6 +129,7 @@ class Receiver:
         self._follow_ledger()
         if awaited is None:
             self._pace.add_idle(len(data), now)
+            self._foresight.disturbed(now)
             self._frames.clear()
             return self._attribute(scanner.received(data, now, damaged=damaged))
         if not early:
@@ -260,7 +261,12 @@ class Receiver:
         self._echo.record_response()
         doubt = self.attribution.doubt
         end = token.start if doubt is None else token.end
+        if doubt is None and self._may_be_early(ours, token):
+            self._foresight.disturbed(token.at)
+            self._behind += self._scanner.end()
+            return AmbiguousResponse()
         if self._frames or end > ours.since:
+            self._foresight.disturbed(token.at)
             if self._has_noise(ours.place, end):
                 ours.sender.counts.noise += 1
                 count = end - ours.place
@@ -273,6 +279,11 @@ class Receiver:
             return token.frame
         self._telling.other_client(ours.sender, Frame(doubt.unit, doubt.asked.data))
         return AmbiguousResponse()
+
+    def _may_be_early(self, ours: Exchange, token: Token) -> bool:
+        """Tell whether another response begins behind one that nobody saw come: that may have come too early."""
+        came, behind = (self._text[place - ours.place :][:1] for place in (token.start, token.end))
+        return self._pace.was_there and came == behind
 
     def _has_noise(self, start: int, end: int) -> bool:
         """Tell whether bytes between these places belong to no frame."""

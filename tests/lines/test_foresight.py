@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.lines.foresight import CALM
 from gateway.lines.pacing import LONGEST
 from gateway.modbus.rtu import encode
 from gateway.timing.characters import CharacterFormat, LineTiming
@@ -152,6 +153,24 @@ async def test_if_something_has_come_since_the_last_answer_nobody_looks_away(bef
         now = wired.loop.time()
         wired.device.submit(wired.client.ask(READ_TEN, now=now), now)
         assert wired.driver._read_at is None
+
+
+@pytest.mark.parametrize("delay", [0.004, 0.007, 0.012])
+async def test_a_device_that_answers_twice_for_the_first_time_is_not_believed(delay: float) -> None:
+    """Its second answer comes while the next request is being sent; that to the next one follows."""
+    async with Wired(virtual=False) as wired:
+        await talks(wired, *[Talk(delay=delay)] * 5)
+        for asked in await talks(wired, Talk(TEN, 0.0004, early=TEN), Talk(delay=delay)):
+            assert asked.answer in ("83 0B", asked.own)
+
+
+async def test_after_anything_that_is_no_answer_nobody_looks_away_for_a_minute() -> None:
+    async with Wired(virtual=False) as wired:
+        await talks(wired, Talk(), Talk(), Talk(before=b"\x55"))
+        for pause, is_foreseen in [(CALM / 2, False), (CALM / 2, True)]:
+            await asyncio.sleep(pause)
+            asked = await talk(wired, Talk())
+            assert (asked.wakes <= 2) == is_foreseen
 
 
 @pytest.mark.parametrize(
