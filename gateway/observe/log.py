@@ -7,13 +7,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 from gateway.events import Emit, Event, Level
 from gateway.observe.backlog import Backlog, Entry, entry_of
 from gateway.observe.journal import JOURNAL, Journal, leads_to_journal
 from gateway.observe.printable import printable
 from gateway.observe.writer import StandardError, Stream, Writer
+
+_JSON: Final = json.JSONEncoder(default=repr)
 
 LogFormat = Literal["auto", "console", "json", "journald"]
 
@@ -34,7 +36,7 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
     """
     least = Level[level.upper()]
     backlog = Backlog()
-    writer = Writer(backlog, _sink(log_format, stream))
+    writer = Writer(backlog, *_sink(log_format, stream))
 
     def emit(event: Event) -> None:
         if event.level >= least:
@@ -50,15 +52,15 @@ def open_log(level: str, log_format: LogFormat, stream: Stream | None = None) ->
         writer.close()
 
 
-def _sink(log_format: LogFormat, stream: Stream | None) -> Callable[[Entry], object]:
-    """Make the function that writes an entry."""
+def _sink(log_format: LogFormat, stream: Stream | None) -> tuple[Callable[[Entry], object], Callable[[], object]]:
+    """Make the function that writes an entry, and the one that flushes."""
     if log_format == "auto" and stream is None and leads_to_journal(2):
         log_format = "journald"
     if log_format == "journald" and Path(JOURNAL).exists():
-        return Journal().write
+        return Journal().write, lambda: None
     stream = StandardError() if stream is None else stream
     render = _as_json if log_format == "json" else _make_console_renderer(stream)
-    return lambda entry: stream.write(render(entry))
+    return lambda entry: stream.write(render(entry)), stream.flush
 
 
 class _FromLibraries(logging.Handler):
@@ -75,7 +77,7 @@ class _FromLibraries(logging.Handler):
 
 def _as_json(entry: Entry) -> str:
     stamp = datetime.fromtimestamp(entry.clock, UTC).isoformat().replace("+00:00", "Z")
-    return json.dumps({**entry.fields, **_what_and_when(entry, stamp)}, default=repr) + "\n"
+    return _JSON.encode({**entry.fields, **_what_and_when(entry, stamp)}) + "\n"
 
 
 def _make_console_renderer(stream: Stream) -> Callable[[Entry], str]:

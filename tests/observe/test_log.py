@@ -371,6 +371,66 @@ def test_errors_of_the_service_are_never_suppressed() -> None:
     assert len(logged(stream)) == 30
 
 
+class Together:
+    """Keeps texts until `flush`, as standard error does, and what each flush has written; or refuses that."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.writes: list[str] = []
+        self.first, self.refused = Event(), Event()
+        self.is_full = False
+
+    def write(self, text: str) -> None:
+        self.texts.append(text)
+
+    def flush(self) -> None:
+        text, self.texts = "".join(self.texts), []
+        if text and self.is_full:
+            if '"address": 99' in text:
+                self.refused.set()
+            raise OSError(errno.ENOSPC, "No space left on device")
+        if text:
+            self.writes.append(text)
+            self.first.set()
+
+    def isatty(self) -> bool:
+        return False
+
+
+def test_a_line_is_written_at_once_and_those_that_follow_it_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    paused, go_on = Event(), Event()
+
+    def pause(seconds: float) -> None:
+        paused.set()
+        assert go_on.wait(PATIENCE)
+
+    monkeypatch.setattr("gateway.observe.writer.time.sleep", pause)
+    stream = Together()
+    with open_log("info", "json", stream) as emit:
+        emit(written(0))
+        assert stream.first.wait(PATIENCE)
+        assert paused.wait(PATIENCE)
+        for register in range(1, 101):
+            emit(written(register))
+        go_on.set()
+    assert [text.count("\n") for text in stream.writes] == [1, 64, 36]
+    assert [json.loads(line)["address"] for line in "".join(stream.writes).splitlines()] == [*range(101)]
+
+
+def test_of_lines_that_could_not_be_written_together_each_one_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.observe.writer.time.sleep", lambda _: None)
+    stream = Together()
+    stream.is_full = True
+    with open_log("info", "json", stream) as emit:
+        for register in range(100):
+            emit(written(register))
+        assert stream.refused.wait(PATIENCE)
+        stream.is_full = False
+        emit(written(100))
+    note, last = (json.loads(line) for line in "".join(stream.writes).splitlines())
+    assert (note["event"], note["write_audits"], last["address"]) == ("events_dropped", 100, 100)
+
+
 def test_a_flood_of_events_wakes_the_writer_now_and_then_only(monkeypatch: pytest.MonkeyPatch) -> None:
     pausing, go_on, pauses = Event(), Event(), []
 
