@@ -37,7 +37,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from struct import pack, unpack, unpack_from
+from struct import pack, unpack_from
 
 import programs
 from programs import BenchError
@@ -55,6 +55,9 @@ IN_FLIGHT = 8
 MOST = 125
 #: No gateway takes longer to start, to answer or to end under valgrind, in seconds.
 PATIENCE = 120.0
+#: More ranges than a mirror remembers reads, and how far their first addresses are apart.
+RANGES = 1100
+APART = COUNT + 3
 #: The system calls that are named in the table.
 NAMED = ("read", "write", "recvfrom", "sendto", "epoll_wait", "epoll_pwait2", "epoll_ctl")
 
@@ -69,7 +72,7 @@ SLOW = 7_000_000
 class Way:
     """Reads of `units`, as clients know them, `many` of them after a `few`; `lines` carry them, `more` is config.
 
-    Each read is of `count` registers.
+    Each read is of `count` registers; or all are `writes`, of zeros. The next one is `apart` from it, one of `places`.
 
     `clients` share what is `in_flight`. `step` is how far the gateway's clock goes on at each wait, 0 for real time.
     """
@@ -81,6 +84,9 @@ class Way:
     in_flight: int = IN_FLIGHT
     more: str = ""
     count: int = COUNT
+    writes: bool = False
+    apart: int = 0
+    places: int = 0
     #: The device whose value the clients get at an address of the only unit; 0 for zeros.
     values_of: Callable[[int], int] = lambda _: 1
     step: int = QUICK
@@ -90,12 +96,12 @@ class Way:
     @property
     def answer_size(self) -> int:
         """The size of an answer: header, unit, function, byte count, values."""
-        return 9 + 2 * self.count
+        return 12 if self.writes else 9 + 2 * self.count
 
     @property
     def addresses(self) -> range:
-        """What is read: the gateway knows all requests after the first run."""
-        return range(0, 100, self.count)
+        """What is read: the gateway knows all requests after the first run, unless there are very many."""
+        return range(0, self.places * self.apart, self.apart) if self.places else range(0, 100, self.count)
 
 
 def _lines(number: int, **more: object) -> Scenario:
@@ -107,6 +113,11 @@ def _rows() -> Iterator[str]:
     for row in range(MOST // 2):
         first, last = 2 * row, 2 * row + 1 if row < MOST // 2 - 1 else MOST - 1
         yield f'{{ at = {first}, device = "line0-{_device(row)}", holding = "{first}-{last}", every = "30 s" }}'
+
+
+def _ranges() -> Iterator[str]:
+    """Ranges that are polled with others."""
+    return (f'{{ holding = "{at}-{at + COUNT - 1}", every = "1 h" }}' for at in range(0, RANGES * APART, APART))
 
 
 def _points() -> Iterator[str]:
@@ -130,6 +141,24 @@ WAYS = {
         units=range(200, 201),
         lines=_lines(1),
         more='[[image]]\nunit = 200\nof = "line0-1"\nread = [{ holding = "0-124", every = "30 s" }]\nstale = "90 s"\n',
+    ),
+    "ranges": Way(
+        what="a mirror of 1100 ranges, each after all others",
+        units=range(200, 201),
+        lines=_lines(1),
+        more='[profile.generic]\nmax_gap = 3\n[[image]]\nunit = 200\nof = "line0-1"\nstale = "3 h"\n'
+        f"read = [{', '.join(_ranges())}]\n",
+        apart=APART,
+        places=RANGES,
+        few=RANGES + 400,
+    ),
+    "write": Way(
+        what="an image, written",
+        units=range(200, 201),
+        lines=_lines(0),
+        more='[[image]]\nunit = 200\nholding = "0-999"\n',
+        writes=True,
+        values_of=lambda _: 0,
     ),
     "virtual": Way(
         what="a virtual unit, 125 registers of 62 rows and 20 devices",
@@ -338,12 +367,7 @@ def _read(way: Way, port: int, reads: int) -> None:
         nonlocal asked
         numbers = range(asked, min(asked + count, reads))
         asked = numbers.stop
-        client.sendall(
-            b"".join(
-                pack(">HHHBBHH", n, 0, 6, places[n % len(places)][0], 3, places[n % len(places)][1], way.count)
-                for n in numbers
-            )
-        )
+        client.sendall(b"".join(_request(way, n, *places[n % len(places)]) for n in numbers))
 
     for client in clients:
         ask(client, way.in_flight // way.clients)
@@ -369,12 +393,21 @@ def _living(way: Way) -> list[int]:
     return sorted((unit for unit in way.units if (unit - 1) % step < 8 or len(way.units) == 1), key=lambda u: u % step)
 
 
+def _request(way: Way, number: int, unit: int, address: int) -> bytes:
+    values = pack(">B", 2 * way.count) + bytes(2 * way.count) if way.writes else b""
+    head = pack(">HHHBBHH", number, 0, 6 + len(values), unit, 16 if way.writes else 3, address, way.count)
+    return head + values
+
+
 def _check(answer: bytes, places: list[tuple[int, int]], way: Way) -> None:
-    number, *head, byte_count = unpack_from(">HHHBBB", answer)
+    (number,) = unpack_from(">H", answer)
     unit, address = places[number % len(places)]
-    expected = [_value(way, unit, address + i) for i in range(way.count)]
-    values = [*unpack(f">{way.count}H", answer[9:])]
-    if [*head, byte_count] != [0, way.answer_size - 6, unit, 3, 2 * way.count] or values != expected:
+    if way.writes:
+        expected = pack(">HHHBBHH", number, 0, 6, unit, 16, address, way.count)
+    else:
+        values = [_value(way, unit, address + i) for i in range(way.count)]
+        expected = pack(f">HHHBBB{way.count}H", number, 0, way.answer_size - 6, unit, 3, 2 * way.count, *values)
+    if answer != expected:
         raise BenchError(f"a wrong answer: {answer.hex(' ')}")
 
 
