@@ -1,8 +1,10 @@
 """A request on its way through the gateway: its caller, its origin and its target."""
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from gateway.compiler import mypyc_attr
 from gateway.errors import RequestError
 from gateway.modbus.pdu import exception_response
 
@@ -33,16 +35,19 @@ class Caller:
         return replace(self, has_priority=True)
 
 
-class Origin(Protocol):
-    """Where a request comes from and its response goes: a client's session."""
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Origin:
+    """Where a request comes from and its response goes: a client's session. `caller` is the client."""
 
-    @property
-    def caller(self) -> Caller:
-        """The client."""
+    __slots__ = ()
 
+    caller: Caller
+
+    @abstractmethod
     def wants(self, request: "Request") -> bool:
         """Tell whether a waiting request should still be sent: not for a client that has disconnected."""
 
+    @abstractmethod
     def answer(self, request: "Request", pdu: bytes | None) -> None:
         """Take the one response to `request`; None ends it without one. Never raises."""
 
@@ -54,6 +59,7 @@ class Place(Protocol):
         """See Request."""
 
 
+@mypyc_attr(free_list_len=1)
 class Request:
     """A request PDU for a unit, with the way back to its client.
 
@@ -109,7 +115,7 @@ class Request:
         return f"<Request unit={self.unit} {self.pdu.hex(' ').upper()} from {self.caller.client}>"
 
 
-class DerivedOrigin:
+class DerivedOrigin(Origin):
     """The Origin of requests derived from a client's request: the same caller. `answer` is up to subclasses."""
 
     def __init__(self, original: Request) -> None:
@@ -121,16 +127,21 @@ class DerivedOrigin:
         return self.original.origin.wants(self.original)
 
 
-class Target(Protocol):
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Target:
     """A target of requests: a local image, a device on a line, a broadcast."""
 
+    __slots__ = ()
+
+    @abstractmethod
     def submit(self, request: Request, now: float) -> None:
         """Take over `request`, which arrived at `now`, and finish it."""
 
 
-class NamedTarget(Target, Protocol):
-    """One with a name, for the trace; empty for that of all units together."""
+@mypyc_attr(allow_interpreted_subclasses=True)
+class NamedTarget(Target):
+    """One with a `name`, for the trace; empty for that of all units together."""
 
-    @property
-    def name(self) -> str:
-        """What it is called."""
+    __slots__ = ()
+
+    name: str

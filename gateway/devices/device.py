@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from typing import Final, Literal, Protocol
+from typing import Final, Literal
 
 from gateway.errors import IllegalValue, LineShared, RequestError
 from gateway.events import Emit, RequestRefused, discard_event
 from gateway.lines.bits import BitsTransaction
-from gateway.lines.transaction import BroadcastTransaction, Destination, Transaction
+from gateway.lines.transaction import BroadcastTransaction, Destination, TakesTransactions, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT, FunctionCode
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, Span, parse_request
@@ -60,13 +60,6 @@ class DeviceSettings:
     def client_unit(self) -> int | None:
         """The unit that clients use for it; None if they can ask for it by name only, or by a listener for its line."""
         return self.known_as if self.known_as <= HIGHEST_UNIT else None
-
-
-class TakesTransactions(Protocol):
-    """A line or an upstream, as seen by its devices."""
-
-    def submit(self, transaction: Transaction, now: float) -> None:
-        """Take over a transaction."""
 
 
 class Device(Destination):
@@ -228,6 +221,10 @@ class ScannedUnit(Destination):
         super().__init__(unit, f"unit {unit} of a scan", answer_time)
         self.heard: list[tuple[Frame, float]] = []
         self._now = now
+
+    def submit(self, request: Request, now: float) -> None:  # noqa: ARG002 - see Target
+        """Raise AssertionError: a scan makes the transactions itself."""
+        raise AssertionError("a scan makes the transactions itself")
 
     def finished(self, transaction: Transaction, response: Frame | None) -> None:
         """Note the response and the seconds it took."""

@@ -7,7 +7,7 @@ from gateway.devices.device import Device, DeviceSettings
 from gateway.errors import OnlyHeard
 from gateway.events import Emit, discard_event
 from gateway.lines.monitor.monitor import HeardTransaction
-from gateway.lines.transaction import Transaction
+from gateway.lines.transaction import TakesTransactions, Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.request import Caller, Request
 from gateway.trace.ring import Ring
@@ -16,7 +16,7 @@ from gateway.trace.ring import Ring
 OTHERS: Final = Caller.without_address("heard")
 
 
-class _Nothing:
+class _Nothing(TakesTransactions):
     """Takes the transactions of a device that is never asked."""
 
     def submit(self, transaction: Transaction, now: float) -> None:  # noqa: ARG002 - see TakesTransactions

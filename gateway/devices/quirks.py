@@ -9,17 +9,17 @@
 | (unit = 0)     | it is asked at address 0 and answers from its own address, or 0 | weighing transducer, 3    |
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from struct import unpack
-from typing import Final, Literal, Protocol, cast
+from typing import Final, Literal, cast
 
 from gateway.devices.addresses import Remember, UnitAddresses, Whereabouts
-from gateway.devices.device import Device, DeviceSettings, EveryDevice, TakesTransactions
+from gateway.devices.device import Device, DeviceSettings, EveryDevice
 from gateway.devices.moved import how_to_forget, show_addresses
 from gateway.errors import ExceptionCode, IllegalValue, Refused
 from gateway.events import AddressMoved, AddressRemembered, BaudChanged, Emit
 from gateway.lines.breaker import FAILURES
-from gateway.lines.transaction import Transaction
+from gateway.lines.transaction import TakesTransactions, Transaction
 from gateway.modbus.codes import EXCEPTION_BIT, FIRST_UNIT, LAST_UNIT, Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, Span
@@ -40,13 +40,6 @@ _REGISTERS: Final[Mapping[Quirk, range]] = {
 _UNITS: Final = range(FIRST_UNIT, LAST_UNIT + 1)
 #: The baud rates that a line can change to.
 BAUD_RATES: Final = range(300, 1_000_001)
-
-
-class QuirkyLine(TakesTransactions, Protocol):
-    """A line that can change its baud rate with its only device."""
-
-    def change_rate(self, baud: int) -> None:
-        """Change the rate of the line to `baud`."""
 
 
 class AddressZeroTransaction(Transaction):
@@ -115,25 +108,25 @@ class BaudChange(Transaction):
 class MovableDevice(Device):
     """A device that can change its address or baud rate. Requests are sent to its current address.
 
-    `line_name` and `line_source` are for events. If it `is_alone` on its line, the line follows its rate. `remember`
-    stores its possible addresses for the next start.
+    `line_name` and `line_source` are for events. `change_rate` makes the line follow its rate, if it is alone there.
+    `remember` stores its possible addresses for the next start.
     """
 
     def __init__(
         self,
         settings: DeviceSettings,
-        line: QuirkyLine,
+        line: TakesTransactions,
         *,
         line_name: str,
         line_source: str,
         addresses: UnitAddresses,
-        is_alone: bool,
+        change_rate: Callable[[int], None] | None,
         remember: Remember,
         emit: Emit,
         ring: Ring | None = None,
     ) -> None:
         super().__init__(settings, line, emit, ring, line_name)
-        self._change_rate = line.change_rate if is_alone else None
+        self._change_rate = change_rate
         self._line_source = line_source
         self.address = Whereabouts(self.name, addresses, remember)
         self.begin_at(settings.unit)

@@ -23,13 +23,13 @@ from gateway.fleet.slots import Slot, Slots
 from gateway.fleet.subjects import Asked, answer_folder, asked_by
 from gateway.modbus.codes import MAX_PDU
 from gateway.modbus.pdu import exception_response
-from gateway.request import Caller, Request, Target
+from gateway.request import Caller, Origin, Request, Target
 
 #: The name of other sites in [[access]].
 LISTENER: Final = "fleet"
 
 
-class SiteOrigin:
+class SiteOrigin(Origin):
     """The origin of one request from another site, with its deadline `expires_at` and the number of sites passed."""
 
     __slots__ = ("_owner", "caller", "expires_at", "hops", "reply", "slot")

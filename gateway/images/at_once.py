@@ -4,7 +4,7 @@ from gateway.profiles.holes import Holes
 from gateway.request import Request, Target
 
 
-class AtOnce:
+class AtOnce(Target):
     """An image, a mirror or a virtual unit that is polled: nobody waits for it, and it never backs off."""
 
     def __init__(self, destination: Target) -> None:

@@ -14,7 +14,7 @@ from gateway.modbus.functions import TABLE_FUNCTIONS
 from gateway.modbus.pdu import RequestPdu, Span
 from gateway.profiles.profile import Profile, Range
 from gateway.registers.masks import write_after
-from gateway.request import Request
+from gateway.request import NamedTarget, Request
 from gateway.trace.ring import Ring
 
 
@@ -52,7 +52,7 @@ class ImageCounts:
     exceptions: int = 0
 
 
-class Image:
+class Image(NamedTarget):
     """Four tables behind the rules of a profile; a Target that finishes every request before `submit` returns.
 
     The profile limits functions, quantities and addresses, so that an image with a device's profile answers as the

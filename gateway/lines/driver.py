@@ -10,7 +10,7 @@ from gateway.errors import LineDown, PortError
 from gateway.events import ConnectionRenewed, Emit
 from gateway.lines.line import Line
 from gateway.lines.scheduler import earliest
-from gateway.lines.transaction import Transaction
+from gateway.lines.transaction import TakesTransactions, Transaction
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import CharacterErrors, OpenAgain, Port, Wire, resolve_wire
 
@@ -28,7 +28,7 @@ class Permission(Protocol):
         """Note that another client has sent a request on the line."""
 
 
-class LineDriver:
+class LineDriver(TakesTransactions):
     """Passes bytes, time and requests to `line`; the PortOwner of the line's port.
 
     `rate_changed` is called with a new rate of the line, at which the port is opened from then on. `wire` is `auto`

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from gateway.compiler import mypyc_attr
 from gateway.lines.transaction import Transaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
@@ -14,6 +15,7 @@ from gateway.modbus.scan import NEVER, Expected
 FOREIGN_LASTS: Final = 300.0
 
 
+@mypyc_attr(free_list_len=1)
 class Exchange(Expected):
     """A request to `unit`, and its responses: from `answers_from` (None: any unit), at the place `since` or later."""
 

@@ -48,7 +48,7 @@ from gateway.lines.receiver import NOTHING, Outcome, Receiver
 from gateway.lines.scheduler import MaySend, Scheduler, earliest
 from gateway.lines.settings import LineSettings
 from gateway.lines.telling import Telling
-from gateway.lines.transaction import Transaction
+from gateway.lines.transaction import TakesTransactions, Transaction
 from gateway.modbus.frame import Frame
 from gateway.ports.port import OpenAgain
 from gateway.timing.budget import Budget
@@ -66,7 +66,7 @@ Observer = Callable[[Transaction, Frame | None, float], None]
 State = Literal["down", "idle", "awaiting", "repeating", "closed", "last"]
 
 
-class Line:
+class Line(TakesTransactions):
     """One line and its transactions, which are recorded in `ring`."""
 
     def __init__(self, settings: LineSettings, emit: Emit, ring: Ring | None = None) -> None:

@@ -11,7 +11,6 @@
   its request.
 """
 
-from collections import deque
 from collections.abc import Iterable, Iterator
 from heapq import heapify, heappop, heappush, heapreplace
 from itertools import chain, count
@@ -19,13 +18,14 @@ from math import inf
 from typing import Final, cast
 
 from gateway.lines.bits import BitsWrite
+from gateway.lines.expiries import Expiries
 from gateway.lines.transaction import Destination, Transaction
 from gateway.lines.turns import Clients, Held, Place, Row
 from gateway.request import Request
 
 #: The number of other requests that may go while a mirror waits for its poll.
 YIELDS: Final = 16
-#: The most entries per request that may wait, including requests that no longer wait.
+#: The most entries per request that may wait, including those of rows that have become shorter.
 _ENTRIES: Final = 4
 
 
@@ -56,7 +56,7 @@ class Crowd:
             heapify(entries)
         while entries:
             row = entries[0][-1]
-            if not row.waiting or row.places[-1].transaction.is_repeat:
+            if row.newest is None or row.newest.transaction.is_repeat:
                 heappop(entries)
             elif entries[0][:2] != self._entry(row)[:2]:
                 heapreplace(entries, self._entry(row))
@@ -82,8 +82,8 @@ class WaitingQueue:
         #: Number of other requests that went since a poll did, while one waits.
         self._yields = 0
         self._crowd = Crowd(_ENTRIES * size)
-        #: The places of requests by their expiry, including some that no longer wait.
-        self._expiries: deque[Place] = deque()
+        #: The places of requests that may expire: not of repeats.
+        self._expiries = Expiries()
         #: The places of requests that their clients may no longer want.
         self._given_up: dict[Place, None] = {}
         #: Transactions that wait to be sent again.
@@ -96,7 +96,7 @@ class WaitingQueue:
 
     def __iter__(self) -> Iterator[Transaction]:
         """Yield each waiting transaction once."""
-        return iter(dict.fromkeys(place.transaction for row in self._rows() for place in row.places))
+        return iter(dict.fromkeys(place.transaction for row in self._rows() for place in row.places()))
 
     def put(self, transaction: Transaction, now: float) -> Transaction | None:
         """Add a transaction with one request. Return the one that a full queue loses: this or another; else None."""
@@ -112,9 +112,7 @@ class WaitingQueue:
         request.place = place
         row.add(place)
         self._crowd.grown(row)
-        self._expiries.append(place)
-        if len(self._expiries) > _ENTRIES * self._size:
-            self._expiries = deque(each for each in self._expiries if each.request.place is each)
+        self._expiries.add(place)
         return lost
 
     def put_back(self, transaction: Transaction) -> None:
@@ -156,17 +154,10 @@ class WaitingQueue:
     def expired(self, now: float) -> list[tuple[Request, str]]:
         """Remove the requests that have waited too long at `now`. Return each with the name of its device."""
         late = []
-        expiries = self._expiries
-        while expiries:
-            place = expiries[0]
-            is_waiting = place.request.place is place
-            if is_waiting and now < place.expires_at:
-                break
-            expiries.popleft()
-            if is_waiting:
-                place.transaction.counts.expired += 1
-                late.append((place.request, place.transaction.device.name))
-                self._withdraw(place)
+        while (place := self._expiries.first) is not None and place.expires_at <= now:
+            place.transaction.counts.expired += 1
+            late.append((place.request, place.transaction.device.name))
+            self._withdraw(place)
         return late
 
     def expired_repeats(self, now: float) -> list[Transaction]:
@@ -178,7 +169,8 @@ class WaitingQueue:
 
     def waits_since(self) -> float:
         """Return when the oldest waiting request came, or an earlier time; minus infinity if there is a repeat."""
-        return -inf if self._repeats else self._expiries[0].request.received_at
+        first = self._expiries.first
+        return -inf if first is None or self._repeats else first.request.received_at
 
     def wait_longer(self, seconds: float) -> None:
         """Let requests wait longer by this many seconds: those that wait, and those that come before `wait_as_ever`."""
@@ -195,11 +187,12 @@ class WaitingQueue:
     @property
     def has_expiry(self) -> bool:
         """Whether a request waits that may expire; requests behind it do not expire earlier."""
-        return len(self) > 0 and len(self._expiries) > 0
+        return self._expiries.first is not None
 
     def next_expiry(self) -> float | None:
-        """Return when the next request will have waited too long, or an earlier time; None if none will."""
-        expiry = self._expiries[0].expires_at if self.has_expiry else None
+        """Return when the next request will have waited too long; None if none will."""
+        first = self._expiries.first
+        expiry = None if first is None else first.expires_at
         if not self._repeats:
             return expiry
         until = min(transaction.gives_up_at for transaction in self._repeats)
@@ -292,6 +285,8 @@ class WaitingQueue:
     def _leave(self, place: Place) -> None:
         place.request.place = None
         place.row.remove(place)
+        if place.expires_at != inf:
+            self._expiries.remove(place)
         if self._given_up:
             self._given_up.pop(place, None)
 
@@ -303,9 +298,9 @@ class WaitingQueue:
             return None
         row = self._crowd.greediest(self._rows())
         of_client, of_address = self._clients_of(newcomer).waiting_of(newcomer.requests[0].caller)
-        if row is None or (row.waiting, row.address.waiting) <= (of_client + 1, of_address + 1):
+        newest = None if row is None else row.newest
+        if row is None or newest is None or (row.waiting, row.address.waiting) <= (of_client + 1, of_address + 1):
             return newcomer
-        newest = row.places[-1]
         transaction = newest.transaction
         self._withdraw(newest)
         return transaction if newest.request in transaction.requests else transaction.part([newest.request])

@@ -1,7 +1,9 @@
 """One request on a line: its unit, the response that it accepts, and its time limit."""
 
+from abc import abstractmethod
 from math import inf
 
+from gateway.compiler import mypyc_attr
 from gateway.errors import RequestError, ResponseTimeout, Unwanted
 from gateway.lines.breaker import Breaker
 from gateway.lines.counts import UnitCounts
@@ -9,7 +11,7 @@ from gateway.lines.last_reads import LastReads
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu, Span, parse_request
-from gateway.request import Request
+from gateway.request import NamedTarget, Request
 from gateway.timing.budget import AnswerTime, Budget
 
 
@@ -28,7 +30,7 @@ class Sleep:
         return now - asked_at >= self.wake
 
 
-class Destination:
+class Destination(NamedTarget):
     """The device that a transaction is sent to, or all devices of a line.
 
     `unit` is its current unit identifier on the wire. `name` and `source`, the place in the config, are for events.
@@ -81,6 +83,7 @@ class Destination:
         """
 
 
+@mypyc_attr(free_list_len=1)
 class Transaction:
     """A request that has passed its device's checks. Equal reads of several clients share one transaction."""
 
@@ -277,6 +280,17 @@ class Transaction:
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.device.name} unit={self.unit} {self.asked.data.hex(' ').upper()}>"
+
+
+@mypyc_attr(allow_interpreted_subclasses=True)
+class TakesTransactions:
+    """A line or an upstream, as seen by its devices."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def submit(self, transaction: Transaction, now: float) -> None:
+        """Take over a transaction."""
 
 
 class BroadcastTransaction(Transaction):

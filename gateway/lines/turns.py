@@ -16,11 +16,10 @@
 """
 
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable, Iterator
-from itertools import takewhile
 from typing import Any, Final
 
+from gateway.compiler import mypyc_attr
 from gateway.lines.transaction import Destination, Transaction
 from gateway.request import Caller, Request
 
@@ -38,13 +37,15 @@ WITH_PRIORITY: Final = 2
 Held = Callable[[Transaction], bool]
 
 
+@mypyc_attr(free_list_len=1)
 class Place:
     """The place of a waiting request in the row of its connection. The request waits while this is its `place`.
 
-    `given_up` are the places of requests that their clients may no longer want.
+    `given_up` are the places of requests that their clients may no longer want. Its neighbours are linked: `before` and
+    `after` it in the row, `earlier` and `later` in `Expiries`.
     """
 
-    __slots__ = ("_given_up", "expires_at", "request", "row", "transaction")
+    __slots__ = ("_given_up", "after", "before", "earlier", "expires_at", "later", "request", "row", "transaction")
 
     def __init__(
         self, request: Request, transaction: Transaction, row: "Row", expires_at: float, given_up: dict["Place", None]
@@ -53,6 +54,10 @@ class Place:
         self.transaction = transaction
         self.row = row
         self.expires_at = expires_at
+        self.before: Place | None = None
+        self.after: Place | None = None
+        self.earlier: Place | None = None
+        self.later: Place | None = None
         self._given_up = given_up
 
     def give_up(self) -> None:
@@ -88,18 +93,28 @@ class Member(ABC):
 
 
 class Row(Member):
-    """The waiting requests of one connection, oldest first. It takes turns with the others of its `address`."""
+    """The waiting requests of one connection, from `oldest` to `newest`. It takes turns with others of its `address`."""
 
-    __slots__ = ("address", "places")
+    __slots__ = ("address", "newest", "oldest")
 
     def __init__(self, name: str, address: "Turns") -> None:
         super().__init__(name)
         self.address = address
-        self.places: deque[Place] = deque()
+        self.oldest: Place | None = None
+        self.newest: Place | None = None
+
+    def places(self) -> Iterator[Place]:
+        """Iterate over the places of its requests."""
+        place = self.oldest
+        while place is not None:
+            yield place
+            place = place.after
 
     def rank(self) -> int:
         """Return what its oldest request is."""
-        oldest = self.places[0]
+        oldest = self.oldest
+        if oldest is None:
+            return PLAIN
         transaction = oldest.transaction
         rank = URGENT if transaction.device.is_urgent or not transaction.asked.only_reads else PLAIN
         return rank | WITH_PRIORITY if oldest.request.caller.has_priority else rank
@@ -107,9 +122,9 @@ class Row(Member):
     def next(self, is_held: Held | None) -> Place | None:
         """Choose the first request that may go: not held, and not after a held one whose order it keeps."""
         if is_held is None:
-            return self.places[0]  # the usual case
+            return self.oldest  # the usual case
         held: list[Destination] = []
-        for place in self.places:
+        for place in self.places():
             transaction = place.transaction
             must_wait = held and (transaction.device in held or transaction.is_broadcast)
             if not must_wait and not is_held(transaction):
@@ -121,25 +136,48 @@ class Row(Member):
 
     def holds_back(self, transaction: Transaction) -> bool:
         """Tell whether an earlier request goes before `transaction`, which waits here or is to be added."""
-        before = takewhile(lambda each: each.transaction is not transaction, self.places)
-        return any(each.transaction.device is transaction.device or each.transaction.is_broadcast for each in before)
+        for place in self.places():
+            if place.transaction is transaction:
+                return False
+            if place.transaction.device is transaction.device or place.transaction.is_broadcast:
+                return True
+        return False
 
     def add(self, place: Place) -> None:
         """Add a request behind the others."""
-        self.places.append(place)
+        place.before = self.newest
+        if place.before is None:
+            self.oldest = place
+        else:
+            place.before.after = place
+        self.newest = place
         self._count(1)
         if self.waiting == 1:
             self.address.sort(self)
 
     def add_first(self, place: Place) -> None:
         """Add a request before the others."""
-        self.places.appendleft(place)
+        place.after = self.oldest
+        if place.after is None:
+            self.newest = place
+        else:
+            place.after.before = place
+        self.oldest = place
         self._count(1)
         self.address.sort(self)
 
     def remove(self, place: Place) -> None:
         """Remove a request."""
-        self.places.remove(place)
+        before, after = place.before, place.after
+        if before is None:
+            self.oldest = after
+        else:
+            before.after = after
+        if after is None:
+            self.newest = before
+        else:
+            after.before = before
+        place.before = place.after = None
         self._count(-1)
         self.address.sort(self)
 

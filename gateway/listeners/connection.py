@@ -10,7 +10,7 @@ from typing import Final, Protocol
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.listeners.sessions.over_tcp import OverTcpSession
-from gateway.listeners.sessions.session import Session
+from gateway.listeners.sessions.session import Connection, Session
 from gateway.listeners.settings import ListenSettings
 from gateway.listeners.sockets import explain
 from gateway.modbus.codes import MAX_TCP_ADU
@@ -86,7 +86,7 @@ class ConnectionOwner(Protocol):
         """Report an unexpected error caught at the error boundary of a connection."""
 
 
-class TcpConnection:
+class TcpConnection(Connection):
     """The driver of one connection, the user of its stream. An unexpected error ends only this connection."""
 
     stream: Stream
@@ -104,8 +104,7 @@ class TcpConnection:
         """Submit the requests of `caller` to `router`."""
         self.caller = caller
         self._listener = listener
-        #: The loop's clock.
-        self.time = time
+        self._time = time
         self._came_at = time()
         #: The reason for its end, for the event.
         self._reason = "the client closed it"
@@ -157,7 +156,7 @@ class TcpConnection:
     def buffer_updated(self, nbytes: int) -> None:
         """Process received bytes."""
         try:
-            self.session.received(nbytes, self.time())
+            self.session.received(nbytes, self._time())
         except Exception as error:  # noqa: BLE001 - the error boundary of a connection
             self._failed(error)
 
@@ -186,6 +185,10 @@ class TcpConnection:
             self._timer.close()
             self._timer = None
         self._listener.closed(self, f"lost: {explain(exc)}" if isinstance(exc, OSError) else self._reason)
+
+    def time(self) -> float:
+        """Return the time of the loop's clock."""
+        return self._time()
 
     def receive(self, room: memoryview) -> int:
         """Receive into `room` what has arrived; see Stream."""

@@ -3,7 +3,10 @@
 from collections.abc import Iterator
 from typing import Any
 
+from gateway.compiler import mypyc_attr
 
+
+@mypyc_attr(free_list_len=1, acyclic=True)
 class Frame:
     """Unit identifier and PDU of a frame with a correct CRC or LRC; equal to the tuple of both.
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any, Final
 
+from gateway.compiler import mypyc_attr
 from gateway.errors import NotModbus
 from gateway.modbus.codes import BROADCAST_UNIT, MAX_TCP_ADU, SERVER_UNIT
 from gateway.modbus.framings import likeness
@@ -25,6 +26,7 @@ NO_UNIT: Final = (BROADCAST_UNIT, SERVER_UNIT)
 MOST_AT_ONCE: Final = _BUFFER // (_UNCOUNTED + _SHORTEST)
 
 
+@mypyc_attr(free_list_len=1, acyclic=True)
 class TcpFrame:
     """One ADU of a TCP connection, without the constants of its header; equal to the tuple of its parts. See Frame."""
 

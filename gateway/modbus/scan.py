@@ -7,6 +7,7 @@ answers.
 from collections.abc import Sequence
 from typing import Final
 
+from gateway.compiler import mypyc_attr
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import RequestPdu
@@ -19,6 +20,7 @@ _BYTES: Final = tuple(bytes((unit,)) for unit in range(256))
 NEVER: Final = 1 << 60
 
 
+@mypyc_attr(free_list_len=1, acyclic=True)
 class Token:
     """A frame with a correct checksum, at the places `start` to `end` of the line; its last byte was read `at`.
 

@@ -19,7 +19,7 @@ from gateway.operator.reached import target
 from gateway.operator.units import find_unit, shown_unit
 from gateway.operator.values import Answer, Step
 from gateway.ports.port import SiteSettings
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 from gateway.routing.router import Router
 from gateway.runtime.gateway import Gateway
 
@@ -27,7 +27,7 @@ from gateway.runtime.gateway import Gateway
 AT_CONTROL: Final = Caller.without_address(CONTROL)
 
 
-class AwaitedOrigin:
+class AwaitedOrigin(Origin):
     """The Origin of one request of an operator. `outcome` is its error, if any, and its response."""
 
     def __init__(self, is_there: Callable[[], bool], caller: Caller = AT_CONTROL) -> None:

@@ -171,14 +171,13 @@ class Commands:
         self._tell(command, why, now)
 
 
-class _Writer:
+class _Writer(Origin):
     """The Origin of a command's requests, which are not sent after `until`."""
-
-    caller = CALLER
 
     def __init__(
         self, responses_to: TakesResponses, command: Command, clock: Callable[[], float], until: float | None
     ) -> None:
+        self.caller = CALLER
         self._responses_to = responses_to
         self._command = command
         self._clock = clock

@@ -9,7 +9,7 @@ from gateway.modbus.pdu import parse_sent
 from gateway.request import Origin, Request
 
 
-class AuditedOrigin:
+class AuditedOrigin(Origin):
     """The origin of a write: logs the result, then passes the response to the client's origin.
 
     `clock` is the clock of `received_at`; `device` is for the log, if the unit of the request is not that of clients. A

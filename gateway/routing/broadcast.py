@@ -7,7 +7,7 @@ from gateway.errors import IllegalFunction, RequestError
 from gateway.modbus.codes import BROADCAST_UNIT
 from gateway.modbus.functions import BROADCAST_FUNCTIONS
 from gateway.modbus.pdu import parse_request
-from gateway.request import DerivedOrigin, Request, Target
+from gateway.request import DerivedOrigin, NamedTarget, Request, Target
 from gateway.trace.ring import Ring
 
 
@@ -18,7 +18,7 @@ class Recipient(NamedTuple):
     functions: frozenset[int] = BROADCAST_FUNCTIONS
 
 
-class Broadcast:
+class Broadcast(NamedTarget):
     """A Target that copies a write to all recipients that accept its function; it ends when all copies have."""
 
     name = ""

@@ -7,7 +7,7 @@ from gateway import errors, events
 from gateway.devices.device import Device
 from gateway.modbus.codes import BROADCAST_UNIT, HIGHEST_UNIT
 from gateway.modbus.functions import only_reads
-from gateway.request import NamedTarget, Request
+from gateway.request import NamedTarget, Request, Target
 from gateway.routing.access import EntryPoint, includes
 from gateway.routing.audit import AuditedOrigin
 from gateway.routing.broadcast import Broadcast
@@ -23,7 +23,7 @@ class RouterCounts:
     denied: int = 0
 
 
-class Router:
+class Router(Target):
     """Routes the requests of one entry point. `routes` and `rights` are empty at first and may be replaced at any time.
 
     Unit 0 has no route, a broadcast, or the route of another unit.

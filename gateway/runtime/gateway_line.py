@@ -244,7 +244,7 @@ class GatewayLine:
             line_name=line.name,
             line_source=line.source,
             addresses=self._addresses,
-            is_alone=len(self.plan.devices) == 1,
+            change_rate=self.driver.change_rate if len(self.plan.devices) == 1 else None,
             remember=partial(self._memory.remember, key, settings.unit),
             emit=self._emit,
             ring=self._ring,

@@ -6,6 +6,7 @@ loop, in seconds. `size` is how many bytes a record takes, with all that it alon
 
 from typing import Final
 
+from gateway.compiler import mypyc_attr
 from gateway.errors import RequestError
 from gateway.modbus.codes import EXCEPTION_BIT
 
@@ -33,6 +34,7 @@ FAILURES: Final = frozenset(RESULTS) - {"ok", "exception", "failed", "sent_again
 Sharer = tuple[str, int, float]
 
 
+@mypyc_attr(acyclic=True)
 class Record:
     """What has happened on `line` (empty: on none), known `at` this time."""
 
@@ -59,6 +61,7 @@ class Record:
         return found == result or (result == "failed" and found not in ("", "ok", "exception"))
 
 
+@mypyc_attr(free_list_len=1, acyclic=True)
 class Sent(Record):
     """A request that was sent, and its `response`; None if nobody answers it.
 
@@ -217,6 +220,7 @@ class Heard(Record):
         return self.frame[1] & ~EXCEPTION_BIT if is_frame else None
 
 
+@mypyc_attr(free_list_len=1, acyclic=True)
 class Answered(Record):
     """A request that the gateway answers itself, from an image or a mirror called `name`; or on a server `line`.
 

@@ -4,14 +4,14 @@ Only this module and other subclasses of UpstreamDriver use the event loop.
 """
 
 import asyncio
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Final
 
 from gateway.errors import NotModbus, PortError
 from gateway.events import Emit, UpstreamClosed
-from gateway.lines.transaction import Transaction
+from gateway.lines.transaction import TakesTransactions, Transaction
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 from gateway.ports.error_boundary import ErrorBoundary
 from gateway.ports.port import OpenAgain, Port
@@ -21,7 +21,7 @@ from gateway.upstreams.upstream import Upstream
 SILENCES: Final = 3
 
 
-class UpstreamDriver(ABC):
+class UpstreamDriver(TakesTransactions):
     """Passes time and requests to `upstream`. Its subclasses are PortOwners, which know the kind of port.
 
     An unexpected error is logged, and the port is closed.

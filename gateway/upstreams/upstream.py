@@ -21,7 +21,7 @@ from gateway.events import Emit
 from gateway.lines.queue import WaitingQueue
 from gateway.lines.reopening import Reopening
 from gateway.lines.telling import Telling
-from gateway.lines.transaction import Destination, Transaction
+from gateway.lines.transaction import Destination, TakesTransactions, Transaction
 from gateway.lines.waiting import Waiting
 from gateway.modbus.mbap import TcpFrame
 from gateway.ports.port import OpenAgain
@@ -35,7 +35,7 @@ from gateway.upstreams.settings import UpstreamSettings
 MAX_OUTSTANDING: Final = 4096
 
 
-class Upstream:
+class Upstream(TakesTransactions):
     """One connection to another server and its transactions.
 
     A client's requests to one unit are sent one at a time, so that they keep their order. So are all requests to a unit

@@ -36,7 +36,7 @@ class Hall(Bench):
             line_name="hall-a",
             line_source="gateway.toml:3",
             addresses=self.addresses,
-            is_alone=is_alone,
+            change_rate=self.change_rate if is_alone else None,
             remember=self.remember,
             emit=self.events.append,
         )
@@ -196,7 +196,7 @@ def test_of_two_moves_to_one_address_that_wait_together_the_second_is_refused() 
     settings = hall.device(unit=2, profile=WEIGHER).settings
     other = MovableDevice(
         settings, hall, line_name="hall-a", line_source="", addresses=hall.addresses,
-        is_alone=False, remember=hall.remember, emit=hall.events.append,
+        change_rate=None, remember=hall.remember, emit=hall.events.append,
     )  # fmt: skip
     for device in (hall.silo, other):
         device.submit(hall.client.ask(MOVE_TO_5, now=hall.now), hall.now)

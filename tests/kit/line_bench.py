@@ -172,6 +172,5 @@ def frame(unit: int, pdu: str, encoder: Callable[[int, bytes], bytes] = encode) 
 def is_empty(line: Line) -> bool:
     """Whether nothing is left behind in a line: no transaction, no window, nothing that waits."""
     queue = line.queue
-    queue.expired(0.0)  # forgets those that wait no more
-    left = (len(queue), queue._reads, queue._expiries, queue._given_up, queue._repeats)
+    left = (len(queue), queue._reads, queue.has_expiry, queue._given_up, queue._repeats)
     return not any(left) and line.ledger.current is None

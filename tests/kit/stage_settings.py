@@ -80,8 +80,8 @@ def _add_device(bench: Bench, unit: int, settings: dict[str, Setting]) -> None:
 
 def _movable(bench: Bench, device: Device) -> MovableDevice:
     return MovableDevice(
-        device.settings, DeviceLine(bench), line_name="hall-a", line_source="", addresses=UnitAddresses(),
-        is_alone=True, remember=lambda *_: None, emit=bench.events.append,
+        device.settings, line := DeviceLine(bench), line_name="hall-a", line_source="", addresses=UnitAddresses(),
+        change_rate=line.change_rate, remember=lambda *_: None, emit=bench.events.append,
     )  # fmt: skip
 
 

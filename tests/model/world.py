@@ -181,7 +181,7 @@ class World:
 
         device = MovableDevice(
             replace(settings, profile=_MOVABLE), self.line, line_name="", line_source="", addresses=addresses,
-            is_alone=False, remember=remember, emit=self._told,
+            change_rate=None, remember=remember, emit=self._told,
         )  # fmt: skip
         device.begin_at(*self._remembered.get(settings.unit, (settings.unit,)))
         return device

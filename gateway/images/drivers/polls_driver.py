@@ -13,10 +13,10 @@ from gateway.images.polled_range import Part
 from gateway.images.polling import DevicePolls, PolledTarget, PolledUnit
 from gateway.images.turns import PollTurns
 from gateway.modbus.pdu import Span
-from gateway.request import Caller, Request, Target
+from gateway.request import Caller, Origin, Request, Target
 
 
-class PollsDriver:
+class PollsDriver(Origin):
     """Passes time to its `polls`, and is their Origin.
 
     An unexpected error is contained here: it is logged, and polling goes on.
@@ -83,11 +83,11 @@ class Pollers:
     def of(self, target: PolledTarget, unit: PolledUnit, line: str = "") -> PollsDriver:
         """Return the polls of a target, which is on this line."""
         turns = self._turns.setdefault(line, PollTurns()) if line else PollTurns()
-        return self._of(target, target, unit, turns)
+        return self._of(id(target), target, unit, turns)
 
     def at_once(self, target: Target, unit: PolledUnit) -> PollsDriver:
         """Return the polls of an image, a mirror or a virtual unit."""
-        return self._of(target, AtOnce(target), unit, PollTurns())
+        return self._of(id(target), AtOnce(target), unit, PollTurns())
 
     def heard(self, source: HeardSource) -> HeardDriver:
         """Return what is heard of a device of a monitor line."""
@@ -96,8 +96,8 @@ class Pollers:
             found = self._heard[id(source)] = HeardDriver(source, self._loop, self._emit)
         return found
 
-    def _of(self, target: Target, polled: PolledTarget, unit: PolledUnit, turns: PollTurns) -> PollsDriver:
-        found = self._drivers.get(id(target))
+    def _of(self, identity: int, polled: PolledTarget, unit: PolledUnit, turns: PollTurns) -> PollsDriver:
+        found = self._drivers.get(identity)
         if found is None:
-            found = self._drivers[id(target)] = PollsDriver(unit, polled, turns, self._loop, self._emit)
+            found = self._drivers[identity] = PollsDriver(unit, polled, turns, self._loop, self._emit)
         return found

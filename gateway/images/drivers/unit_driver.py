@@ -8,7 +8,7 @@ from gateway.events import Emit, PartFailed
 from gateway.images.ordered import OrderedUnit
 from gateway.images.polled_range import Part
 from gateway.images.supply import Supply
-from gateway.request import Request
+from gateway.request import NamedTarget, Request
 
 Unit = TypeVar("Unit", bound=OrderedUnit)
 
@@ -27,7 +27,7 @@ class SupplyDriver(Protocol):
         """Note that `polls` was told of a write."""
 
 
-class UnitDriver(Generic[Unit]):
+class UnitDriver(NamedTarget, Generic[Unit]):
     """A Target that passes requests and time to its `unit`, which `make` makes.
 
     `pollers` are the polls of its sources by their names. An unexpected error is contained here: it is logged, and its

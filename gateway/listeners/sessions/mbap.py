@@ -73,8 +73,8 @@ class MbapSession(Session):
         """Take the response to one of the session's requests."""
         self.in_progress -= 1
         is_awaited = request.transaction != _GIVEN_UP
-        if is_awaited and request.transaction in self._under_way:  # else it was ready at once
-            del self._under_way[request.transaction]
+        if is_awaited and self._under_way and self._under_way.pop(request.transaction, None) is not None:
+            # else it was ready at once
             if self._rises > 0 and self._connection.time() - request.received_at > _QUICK:
                 self._rises = 0  # the client may reuse the identifier after a time-out
         if self._life == GONE:
@@ -105,7 +105,8 @@ class MbapSession(Session):
             if adu is None:
                 self._rises = max(self._rises, 0)
                 return
-            if self._under_way and (earlier := self._under_way.pop(adu.transaction, None)) is not None:
+            if self._under_way and (earlier := self._under_way.get(adu.transaction)) is not None:
+                del self._under_way[adu.transaction]
                 earlier.transaction = _GIVEN_UP
                 earlier.give_up()
             if self._out:
@@ -143,8 +144,13 @@ class MbapSession(Session):
         if self._life != HALF_CLOSED or self._limit == 0 or not self._framer.has_whole:
             super()._close_when_done()
 
+    def _flush_drained(self) -> None:
+        if self._out and self._rises >= _COUNTED and self._connection.time() - self.last_asked > _QUICK:
+            self._rises = 0
+        self._flush()
+
     def _flush(self) -> None:
-        if self._out and (self._rises < _COUNTED or self._connection.time() - self.last_asked > _QUICK):
+        if self._out and self._rises < _COUNTED:
             self._look()
         super()._flush()
 

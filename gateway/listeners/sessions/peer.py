@@ -9,7 +9,7 @@ from typing import NamedTuple
 from gateway.errors import Busy
 from gateway.listeners.settings import ListenSettings, is_kept_back
 from gateway.modbus import mbap
-from gateway.request import Caller, Request, Target
+from gateway.request import Caller, Origin, Request, Target
 from gateway.timing.measured import NEVER
 
 
@@ -22,7 +22,7 @@ class Path(NamedTuple):
     send: Callable[[bytes], None]
 
 
-class Peer:
+class Peer(Origin):
     """A Modbus UDP client, identified by its address and port: the Origin of its requests.
 
     At most `in_flight` requests are in progress; another one gets 06. The same request again while it is in progress is

@@ -36,7 +36,7 @@ from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.frame import Frame, RequestFramer
 from gateway.modbus.rtu import RtuFramer
 from gateway.ports.port import Wire
-from gateway.request import Caller, Request, Target
+from gateway.request import Caller, Origin, Request, Target
 from gateway.timing.characters import LineTiming
 from gateway.trace.records import Answered, Heard
 from gateway.trace.ring import Ring
@@ -79,7 +79,7 @@ class ServerSettings:
         return self.frame_end if self.gap is None else self.gap
 
 
-class SerialSession:
+class SerialSession(Origin):
     """The Origin of the client's requests, one at a time.
 
     `wake` is called when `deadline` changes outside the driver's calls. It must not call back. `counts` may be those of

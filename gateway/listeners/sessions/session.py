@@ -3,14 +3,15 @@
 `Session` is common to all TCP clients; `mbap.py` and `over_tcp.py` add the framings.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable
-from typing import Final, Protocol
+from typing import Final
 
+from gateway.compiler import mypyc_attr
 from gateway.errors import NotModbus, QueueFull
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus.functions import only_reads
-from gateway.request import Caller, Request, Target
+from gateway.request import Caller, Origin, Request, Target
 from gateway.timing.measured import NEVER
 
 #: How long a client may take to send one ADU, in seconds.
@@ -72,38 +73,50 @@ class BackPressure:
         self._hold = max(self._hold * HOLD_RECOVERS, SHORTEST_HOLD)
 
 
-class Connection(Protocol):
+@mypyc_attr(allow_interpreted_subclasses=True)
+class Connection:
     """The operations of a session on its connection. None of them calls back into its requests and responses."""
 
+    __slots__ = ()
+
+    @abstractmethod
     def time(self) -> float:
         """Return the current time, for decisions right before a response is sent."""
 
+    @abstractmethod
     def receive(self, room: memoryview) -> int:
         """Copy received bytes into `room`. Return their number; 0 if there are none."""
 
+    @abstractmethod
     def send(self, data: bytes) -> None:
         """Send `data`, or keep it until the client reads it."""
 
+    @abstractmethod
     def pause(self) -> None:
         """Receive nothing more until `resume`."""
 
+    @abstractmethod
     def resume(self) -> None:
         """Receive again, and call `proceed` soon for bytes that have already been received."""
 
+    @abstractmethod
     def wake(self, when: float | None) -> None:
         """Call `proceed` at `when`, soon if that has passed; None cancels it, but not a call due to `resume`."""
 
+    @abstractmethod
     def release_after(self, seconds: float) -> None:
         """Call `release` after this many seconds."""
 
+    @abstractmethod
     def close(self) -> None:
         """Close once everything is sent."""
 
+    @abstractmethod
     def reject(self, reason: str) -> None:
         """Close because of the client's behaviour."""
 
 
-class _Gone:
+class _Gone(Connection):
     """Replaces a closed connection, and does nothing."""
 
     def time(self) -> float:
@@ -136,7 +149,7 @@ class _Gone:
         """Do nothing."""
 
 
-class Session(ABC):
+class Session(Origin):
     """A client on a TCP connection: the Origin of its requests.
 
     At most `in_flight` requests are in progress; beyond that the gateway stops reading the client. It also stops for a
@@ -225,13 +238,13 @@ class Session(ABC):
         try:
             self._drain(now)
         except NotModbus as error:
-            self._flush()
+            self._flush_drained()
             self._life = GONE
             self._connection.reject(str(error))
             return
         finally:
             self._is_draining = False
-        self._flush()
+        self._flush_drained()
         self._close_when_done()
 
     def wants(self, request: Request) -> bool:
@@ -325,6 +338,10 @@ class Session(ABC):
         if self._back_pressure.is_paused and self._takes_more:
             self._back_pressure.is_paused = False
             self._connection.resume()
+
+    def _flush_drained(self) -> None:
+        """Send the responses that were ready at once."""
+        self._flush()
 
     def _flush(self) -> None:
         if self._out:
