@@ -1,16 +1,16 @@
 import pytest
 
 from gateway.errors import LineDown, QueueFull, ResponseTimeout
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 
 
-class Client:
+class Client(Origin):
     """An origin that keeps what it is answered."""
 
-    caller = Caller("10.2.0.7:49152", "127.0.0.1", "127.0.0.1")
     gone = False
 
     def __init__(self) -> None:
+        self.caller = Caller("10.2.0.7:49152", "127.0.0.1", "127.0.0.1")
         self.answers: list[tuple[Request, bytes | None]] = []
 
     def answer(self, request: Request, pdu: bytes | None) -> None:

@@ -274,7 +274,9 @@ class Receiver:
             self._notice_echo(ours)
         elif doubt is None and ours.since == ours.place:
             self._foresight.answered(ours, token, self._budget.line)
-        self._behind += self._scanner.end()
+        behind = self._scanner.end()
+        if behind:
+            self._behind += behind
         if doubt is None:
             return token.frame
         self._telling.other_client(ours.sender, Frame(doubt.unit, doubt.asked.data))

@@ -141,6 +141,7 @@ class TcpConnection(Connection):
     def connection_made(self, stream: Stream) -> None:
         """Begin: a client has connected."""
         self.stream = stream
+        self._write = stream.write
         in_flight = self._listener.settings.in_flight
         stream.set_write_buffer_limits(most_unsent(in_flight) - most_answered(in_flight))
         self._listener.connected(self)
@@ -196,7 +197,7 @@ class TcpConnection(Connection):
 
     def send(self, data: bytes) -> None:
         """Send a response, unless the connection is closed."""
-        self.stream.write(data)
+        self._write(data)
 
     def pause(self) -> None:
         """Receive nothing more until `resume`."""

@@ -25,7 +25,7 @@ from scenarios import Scenario
 
 from gateway import Gateway
 from gateway.modbus import rtu
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 
 HERE = Path(__file__).parent
 PROFILE = """
@@ -69,7 +69,7 @@ class AnsweredAtOnce:
         """Nothing stands unread."""
 
 
-class Routed:
+class Routed(Origin):
     """Requests with no more than an origin: what a program can do with what is not public."""
 
     def __init__(self, gateway: Any, unit: int) -> None:

@@ -32,7 +32,7 @@ class Hall(Bench):
         self.rates: list[int] = []
         self.silo = MovableDevice(
             self.device(profile=profile).settings,
-            self,
+            self.line,
             line_name="hall-a",
             line_source="gateway.toml:3",
             addresses=self.addresses,
@@ -43,9 +43,6 @@ class Hall(Bench):
 
     def remember(self, *units: int) -> None:
         self.remembered.append(units)
-
-    def submit(self, transaction, now: float) -> None:
-        self.line.submit(transaction, now)
 
     def change_rate(self, baud: int) -> None:
         self.rates.append(baud)
@@ -195,7 +192,7 @@ def test_of_two_moves_to_one_address_that_wait_together_the_second_is_refused() 
     hall = Hall()
     settings = hall.device(unit=2, profile=WEIGHER).settings
     other = MovableDevice(
-        settings, hall, line_name="hall-a", line_source="", addresses=hall.addresses,
+        settings, hall.line, line_name="hall-a", line_source="", addresses=hall.addresses,
         change_rate=None, remember=hall.remember, emit=hall.events.append,
     )  # fmt: skip
     for device in (hall.silo, other):
@@ -408,7 +405,7 @@ def test_an_address_or_a_rate_that_is_not_written_whole_is_refused(pdu: str) -> 
     ],
 )
 def test_no_broadcast_writes_an_address_or_a_rate(hall: Hall, pdu: str) -> None:
-    everyone = EveryQuirkyDevice(hall, {"moves", "changes_baud"}, hall.events.append, Ring(), "hall-a")
+    everyone = EveryQuirkyDevice(hall.line, {"moves", "changes_baud"}, hall.events.append, Ring(), "hall-a")
     everyone.submit(hall.client.ask(pdu, unit=0, now=hall.now), hall.now)
     hall.pass_time(1)
     assert hall.written == []
@@ -419,7 +416,7 @@ def test_no_broadcast_writes_an_address_or_a_rate(hall: Hall, pdu: str) -> None:
 
 @pytest.mark.parametrize(("quirk", "pdu"), [("moves", TO_19200), ("changes_baud", MOVE_TO_5), ("moves", TAKE_ZERO)])
 def test_other_broadcasts_are_sent(hall: Hall, quirk: str, pdu: str) -> None:
-    everyone = EveryQuirkyDevice(hall, {quirk}, hall.events.append, Ring(), "hall-a")
+    everyone = EveryQuirkyDevice(hall.line, {quirk}, hall.events.append, Ring(), "hall-a")
     everyone.submit(hall.client.ask(pdu, unit=0, now=hall.now), hall.now)
     hall.pass_time(1)
     assert hall.written == [frame(0, pdu)]

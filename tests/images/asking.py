@@ -3,7 +3,7 @@
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import BROADCAST_UNIT, Area
 from gateway.profiles.profile import Profile
-from gateway.request import Caller, Request, Target
+from gateway.request import Caller, Origin, Request, Target
 from gateway.routing.broadcast import Broadcast, Recipient
 
 UNIT = 10
@@ -17,12 +17,11 @@ MINT = Profile(
 )
 
 
-class Answers:
+class Answers(Origin):
     """The origin of the requests; keeps what comes back, None for a request that ended without a response."""
 
-    caller = Caller("test", "127.0.0.1", "127.0.0.1")
-
     def __init__(self) -> None:
+        self.caller = Caller("test", "127.0.0.1", "127.0.0.1")
         self.came: list[bytes | None] = []
 
     def wants(self, request: Request) -> bool:

@@ -15,7 +15,7 @@ from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import Span, parse_request
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request, Target
 
 GENERIC = Profile("generic")
 STALE = 2.0
@@ -23,12 +23,11 @@ STALE = 2.0
 TEN = "03 14" + "".join(f" {100 + number:04X}" for number in range(10))
 
 
-class Client:
+class Client(Origin):
     """Asks a unit at once."""
 
-    caller = Caller("10.0.0.9:1", "127.0.0.1", "127.0.0.1")
-
     def __init__(self, unit: Mirror | VirtualUnit) -> None:
+        self.caller = Caller("10.0.0.9:1", "127.0.0.1", "127.0.0.1")
         self._unit = unit
         self._answer: str | None = None
 
@@ -45,7 +44,7 @@ class Client:
         return self._answer
 
 
-class Bench:
+class Bench(Target):
     """Values that are heard, and a unit that wants them; a device that is never asked."""
 
     def __init__(self) -> None:

@@ -12,18 +12,18 @@ from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from gateway.profiles.read_rules import ReadRules
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
+from kit.target import CallingTarget
 
 FIVE = "03 02 00 05"
 SIX = "03 02 00 06"
 
 
-class Bench:
+class Bench(Origin):
     """A mirror, its device, its poller and its clients in one: whoever asks is written beside what was asked."""
 
-    caller = Caller("mirror", "127.0.0.1", "127.0.0.1")
-
     def __init__(self, *polls: Poll, stale: float = 2.0, profile: Profile | None = None) -> None:
+        self.caller = Caller("mirror", "127.0.0.1", "127.0.0.1")
         profile = profile or Profile("generic")
         polls = polls or (Poll(Area.HOLDING, 0, 0, 0.5),)
         areas = {}
@@ -37,7 +37,7 @@ class Bench:
         settings = MirrorSettings(241, "silo", "silo-1", profile, polls, areas, stale, "gateway.toml:9")
         unit = PolledUnit("silo-1", 1, ReadRules.of(profile))
         self.polls = DevicePolls(unit, self, self, PollTurns(), self.events.append)
-        self.mirror = Mirror(settings, self.polls, self, self, self.events.append)
+        self.mirror = Mirror(settings, self.polls, CallingTarget(self.submit), self, self.events.append)
         self.polls.change(self.mirror.parts, (), 0.0)
 
     # the device
@@ -83,7 +83,7 @@ class Bench:
         return [age for _, age in self.mirror.ages(self.now)]
 
 
-class Client:
+class Client(Origin):
     def __init__(self, bench: Bench, client: str = "10.0.0.9:1") -> None:
         self.caller = Caller(client, "127.0.0.1", "127.0.0.1")
         self.is_there = True

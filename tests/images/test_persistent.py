@@ -5,12 +5,12 @@ import pytest
 from gateway.images.image import ImageSettings
 from gateway.images.persistent import Change, PersistentImage
 from gateway.modbus.codes import Area
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 from images.asking import GENERIC
 from images.disk import Disk
 
 
-class Client:
+class Client(Origin):
     def __init__(self, image: PersistentImage, client: str = "10.0.0.9:1") -> None:
         self.caller = Caller(client, "127.0.0.1", "127.0.0.1")
         self.came: list[str] = []

@@ -12,7 +12,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
 from gateway.profiles.read_rules import ReadRules
-from gateway.request import Caller
+from gateway.request import Caller, Origin
 
 #: The registers of a meter have their addresses as values.
 REGISTERS = b"".join(address.to_bytes(2, "big") for address in range(300))
@@ -43,12 +43,11 @@ class Reader:
         return came
 
 
-class Meter:
+class Meter(Origin):
     """A device that is polled over gaps of two registers, the origin of its polls, and a clock."""
 
-    caller = Caller.without_address("polls of meter")
-
     def __init__(self, *readers, turns=None):
+        self.caller = Caller.without_address("polls of meter")
         self.holes, self.asked, self.events = Holes(), [], []
         self.is_resting_until = 0.0
         unit = PolledUnit("meter", 41, ReadRules(max_gap=2))

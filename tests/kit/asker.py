@@ -1,9 +1,9 @@
 """A client for tests of the parts behind it: it asks, and remembers what it was answered."""
 
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 
 
-class Asker:
+class Asker(Origin):
     """An Origin. `answers` holds the response PDUs in hex, in the order they came; None for a broadcast that ended."""
 
     def __init__(self, client: str = "10.0.0.9:49152", *, host: str = "127.0.0.1", share_key: str = "") -> None:

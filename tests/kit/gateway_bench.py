@@ -15,6 +15,7 @@ from gateway.events import Event
 from gateway.images.custom_unit import CustomUnit
 from gateway.images.drivers.store import Store
 from gateway.listeners.sessions.mbap import MbapSession
+from gateway.listeners.sessions.session import Connection
 from gateway.modbus import mbap
 from gateway.modbus.frame import Frame
 from gateway.ports.listening import open_to_listen
@@ -34,7 +35,7 @@ from kit.memory import MemoryLine
 PATIENCE = 30.0
 
 
-class Client:
+class Client(Connection):
     """A Modbus TCP client without a socket. `responses` holds (transaction, unit, PDU in hex) as they came."""
 
     def __init__(

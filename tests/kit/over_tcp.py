@@ -5,6 +5,7 @@ import asyncio
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.listeners.sessions.arrivals import LOOK_STEP
 from gateway.listeners.sessions.over_tcp import OverTcpSession
+from gateway.listeners.sessions.session import Connection
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.request import Caller
@@ -13,7 +14,7 @@ from gateway.runtime.gateway import Listener
 ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
 
 
-class OverTcpClient:
+class OverTcpClient(Connection):
     """A client as programs for serial ports are: whatever comes after its request is the response to it."""
 
     def __init__(self, listener: Listener, name: str = "10.0.0.9:49152") -> None:

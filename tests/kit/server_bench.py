@@ -7,7 +7,7 @@ from gateway.events import Event
 from gateway.listeners.sessions.server_line import SerialSession, ServerSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
-from gateway.request import Request
+from gateway.request import Request, Target
 from gateway.timing.characters import CharacterFormat, LineTiming
 
 RTU = LineTiming("rtu", 19200, CharacterFormat.parse("8E1"))
@@ -17,7 +17,7 @@ LATENCY = 0.005
 E = TypeVar("E", bound=Event)
 
 
-class ServerBench:
+class ServerBench(Target):
     """A session that serves units 41 and 42, its port open and quiet. `asked` are the requests that it has handed on.
 
     `at_once` is what they are answered with, if anything.

@@ -24,17 +24,6 @@ from kit.line_bench import ASCII, TIMING, Bench
 Setting = str | float | bool
 
 
-class DeviceLine:
-    """The line as its devices see it."""
-
-    def __init__(self, bench: Bench) -> None:
-        self.submit = bench.line.submit
-        self._bench = bench
-
-    def change_rate(self, baud: int) -> None:
-        self._bench.line.change_rate(baud, self._bench.now)
-
-
 class StageSettings:
     """Settings by what they are for: `line`, `unit 1`, `scan`."""
 
@@ -80,8 +69,9 @@ def _add_device(bench: Bench, unit: int, settings: dict[str, Setting]) -> None:
 
 def _movable(bench: Bench, device: Device) -> MovableDevice:
     return MovableDevice(
-        device.settings, line := DeviceLine(bench), line_name="hall-a", line_source="", addresses=UnitAddresses(),
-        change_rate=line.change_rate, remember=lambda *_: None, emit=bench.events.append,
+        device.settings, bench.line, line_name="hall-a", line_source="", addresses=UnitAddresses(),
+        change_rate=lambda baud: bench.line.change_rate(baud, bench.now), remember=lambda *_: None,
+        emit=bench.events.append,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from gateway.lines.counts import RESULTS
 from gateway.modbus.rtu import crc_fits
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 from kit.line_bench import ASCII, LIMIT, TIMING, Bench
 
 CLIENTS = 3
@@ -31,7 +31,7 @@ class Owed:
     until: float
 
 
-class Client:
+class Client(Origin):
     """An Origin that checks each answer against its request."""
 
     def __init__(self, name: str) -> None:

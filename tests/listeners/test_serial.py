@@ -12,7 +12,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.listeners.sessions.server_line import LOOK_STEP, UNNOTICED, ServerSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus.rtu import encode
-from gateway.request import Request
+from gateway.request import Request, Target
 from gateway.timing.characters import LineTiming
 from kit.server_bench import ASCII, RTU
 from kit.virtual_time import VirtualTimeLoop
@@ -48,7 +48,7 @@ class FakePort:
         self.closed = True
 
 
-class Driven:
+class Driven(Target):
     """A listener with an open port; `requests` are those that its client has sent.
 
     They are answered with `at_once`, if that is set.

@@ -20,7 +20,7 @@ from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tls import TlsListener
 from gateway.listeners.tls_stream import TlsStream
 from gateway.modbus.mbap import encode
-from gateway.request import Caller, Request
+from gateway.request import Caller, Request, Target
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
 from gateway.tls.contexts import load
@@ -113,7 +113,7 @@ class Listener:
         raise error
 
 
-class Slow:
+class Slow(Target):
     """A target that answers when it is told to."""
 
     def __init__(self) -> None:

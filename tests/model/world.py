@@ -26,7 +26,7 @@ from gateway.modbus.pdu import parse_request
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.profiles.profile import Profile
 from gateway.registers.masks import read_before, write_after
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 from gateway.timing.budget import AnswerTime
 from gateway.timing.table import TimingTable
 from model.picture import EPOCH, PLACES
@@ -73,7 +73,7 @@ class Setting:
     wake: float = 0.0
 
 
-class Question:
+class Question(Origin):
     """A client's request, as its Origin; `then` is what the client does when it is answered."""
 
     def __init__(

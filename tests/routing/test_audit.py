@@ -4,7 +4,7 @@ import pytest
 
 from gateway.errors import IllegalAddress, LineDown, RequestError, ResponseTimeout, Unwanted
 from gateway.events import Event, WriteAudit
-from gateway.request import Request
+from gateway.request import NamedTarget, Request
 from gateway.routing.broadcast import Broadcast, Recipient
 from kit.asker import Asker
 from kit.router import router
@@ -13,12 +13,11 @@ WRITE = "06 00 10 00 05"
 CLIENT = "10.0.0.9:49152"
 
 
-class Hand:
+class Hand(NamedTarget):
     """A Target that keeps requests for the test to finish."""
 
-    name = "hand"
-
     def __init__(self) -> None:
+        self.name = "hand"
         self.requests: list[Request] = []
 
     def submit(self, request: Request, now: float) -> None:

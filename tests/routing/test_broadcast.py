@@ -4,13 +4,14 @@ import pytest
 
 from gateway.errors import LineDown
 from gateway.request import Request
+from gateway.request import Target as AnyTarget
 from gateway.routing.broadcast import Broadcast, Recipient
 from kit.asker import Asker
 
 WRITE = "06 00 01 00 05"
 
 
-class Target:
+class Target(AnyTarget):
     """Keeps what it was given."""
 
     def __init__(self) -> None:

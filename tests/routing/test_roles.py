@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gateway.events import AccessDenied, Event, WriteAudit
 from gateway.modbus.functions import only_reads
-from gateway.request import Caller, Request
+from gateway.request import Caller, NamedTarget, Origin, Request
 from gateway.routing.access import DEFAULT_ROWS, EVERYTHING, NOTHING, READING, AccessRow, EntryPoint
 from gateway.routing.rights import MOST_ROLES, Rights
 from gateway.routing.router import CertifiedRouter
@@ -22,19 +22,29 @@ ROLES = ["", "operator", "viewer", "stranger"]
 HERE, ELSEWHERE = "127.0.0.1", "10.9.9.9"
 
 
-class Bench:
-    """A client with a certificate: what arrives at the units, what it is answered, and what is told of it."""
+class Reached(NamedTarget):
+    """Each unit: it keeps what arrives."""
 
-    name = "bench"
+    def __init__(self) -> None:
+        self.name = "bench"
+        self.requests: list[Request] = []
+
+    def submit(self, request: Request, now: float) -> None:
+        self.requests.append(request)
+
+
+class Bench(Origin):
+    """A client with a certificate: what arrives at the units, what it is answered, and what is told of it."""
 
     def __init__(
         self, rows: tuple[AccessRow, ...], role: str, host: str = ELSEWHERE, entry: EntryPoint = REMOTE
     ) -> None:
         self.caller = Caller("10.9.9.9:1", host, host, "CN=somebody", role)
-        self.reached: list[Request] = []
+        self.unit = Reached()
+        self.reached = self.unit.requests
         self.answers: list[bytes | None] = []
         self.events: list[Event] = []
-        routes = dict.fromkeys(range(256), self)
+        routes = dict.fromkeys(range(256), self.unit)
         self.router = router(routes, self.events.append, rows=rows, entry=entry, kind=CertifiedRouter)
 
     def asks(self, unit: int, pdu: bytes) -> bool:
@@ -45,9 +55,6 @@ class Bench:
             return True
         assert self.answers[-1] == bytes((pdu[0] | 0x80, 1))
         return False
-
-    def submit(self, request: Request, now: float) -> None:
-        self.reached.append(request)
 
     def wants(self, request: Request) -> bool:
         return True

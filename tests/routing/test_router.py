@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.events import AccessDenied, Event, RequestRefused
-from gateway.request import Request
+from gateway.request import NamedTarget, Request
 from gateway.routing.access import NOTHING, READING, AccessRow, EntryPoint
 from gateway.routing.rights import Rights
 from gateway.routing.router import Router, RouterCounts
@@ -15,10 +15,11 @@ from kit.router import router
 WRITER, READER = "127.0.0.1", "10.0.0.9"
 
 
-class Echo:
+class Echo(NamedTarget):
     """A Target that answers with the request."""
 
-    name = "echo"
+    def __init__(self) -> None:
+        self.name = "echo"
 
     def submit(self, request: Request, now: float) -> None:
         request.respond(request.pdu)

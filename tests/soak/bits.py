@@ -14,7 +14,7 @@ from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.mbap import MbapFramer, TcpFrame, encode
 from gateway.modbus.pdu import RequestPdu
 from gateway.registers.masks import mask_request
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 from gateway.routing.router import Router
 from kit.faulty import EXCEPTION_CODES, FaultyDevice
 from kit.memory import MemoryLine
@@ -91,7 +91,7 @@ class BitsDevice(FaultyDevice):
                 self.whole_at[register] = now
 
 
-class _Origin:
+class _Origin(Origin):
     """The Origin of one request; `answered` is its response."""
 
     def __init__(self, caller: Caller, world: DatedWorld) -> None:

@@ -32,7 +32,7 @@ from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
 from gateway.ports import network
-from gateway.request import Caller, Request
+from gateway.request import Caller, NamedTarget, Request
 from gateway.routing.access import EVERYTHING, AccessRow
 from gateway.routing.rights import Rights
 from kit.free_port import free_port
@@ -58,12 +58,11 @@ def _in_a_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session_module, "TAKING_DEADLINE", TAKING)
 
 
-class Plant:
+class Plant(NamedTarget):
     """A target that answers PROMPT at once, keeps requests to PATIENT, and has a defect in DEFECTIVE."""
 
-    name = "plant"
-
     def __init__(self) -> None:
+        self.name = "plant"
         self.submitted = 0
         self.waiting: list[Request] = []
 

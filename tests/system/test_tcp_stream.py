@@ -13,7 +13,7 @@ from gateway.listeners.connection import UNSENT_BYTES, TcpConnection, most_unsen
 from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.modbus.mbap import encode
-from gateway.request import Caller, Request
+from gateway.request import Caller, Request, Target
 from kit.process import PATIENCE
 
 READ, RESPONSE = bytes.fromhex("03 0000 0001"), bytes.fromhex("03 02 0007")
@@ -62,7 +62,7 @@ def take(client):
         taken += data
 
 
-class Slow:
+class Slow(Target):
     """A target that answers when it is told to."""
 
     def __init__(self):
@@ -352,7 +352,7 @@ async def test_a_reset_is_a_loss_whatever_the_stream_is_doing(stream, client, us
 # --- with a session ---
 
 
-class AtOnce:
+class AtOnce(Target):
     """A target that answers at once, as an image does, as much as an answer can hold."""
 
     def submit(self, request: Request, now: float) -> None:

@@ -21,7 +21,7 @@ from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tcp import TcpListener
 from gateway.listeners.udp import UdpListener
 from gateway.modbus.mbap import encode
-from gateway.request import Request
+from gateway.request import NamedTarget, Request
 from gateway.routing.access import EVERYTHING, AccessRow, EntryPoint
 from gateway.routing.rights import Rights
 from kit.ipv6 import needs_ipv6
@@ -45,12 +45,11 @@ def _in_a_hurry(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp_module, "SWEEP_STEP", SWEEP)
 
 
-class Plant:
+class Plant(NamedTarget):
     """A target that answers PROMPT at once, keeps requests to PATIENT, and has a defect in DEFECTIVE."""
 
-    name = "plant"
-
     def __init__(self) -> None:
+        self.name = "plant"
         self.requests: list[Request] = []
 
     def submit(self, request: Request, now: float) -> None:

@@ -16,7 +16,7 @@ from gateway.modbus.rtu import encode
 from gateway.ports.port import PtySettings
 from gateway.ports.pty_link import MOST_PROGRAMS, PtyLink, open_pty
 from gateway.ports.pty_port import PtyPort
-from gateway.request import Request
+from gateway.request import Request, Target
 from gateway.timing.characters import CharacterFormat, LineTiming
 
 
@@ -259,7 +259,7 @@ async def test_there_are_only_so_many_programs(bench: Bench) -> None:
 
 
 async def test_whoever_comes_while_the_gateway_ends_is_not_answered(bench: Bench) -> None:
-    class Router:
+    class Router(Target):
         def submit(self, request: Request, now: float) -> None:
             asked.append(request)
 

@@ -14,10 +14,11 @@ from gateway.modbus.codes import Area
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from gateway.profiles.read_rules import NO_RULES
+from gateway.request import Target
 from kit.asker import Asker
 
 
-class BrokenDevice:
+class BrokenDevice(Target):
     """A device whose check has a defect until it is mended; then it takes requests and never answers."""
 
     is_broken = True
@@ -35,7 +36,7 @@ class BrokenDevice:
         return False
 
 
-class RaisingDevice:
+class RaisingDevice(Target):
     """A device that raises for what a client asks, before or after it has answered; `polls` are for the test."""
 
     def __init__(self, *, answers_first):

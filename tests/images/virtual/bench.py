@@ -12,8 +12,9 @@ from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from gateway.profiles.read_rules import ReadRules
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 from gateway.trace.ring import Ring
+from kit.target import CallingTarget
 
 GENERIC = Profile("generic")
 
@@ -37,12 +38,11 @@ def value(at: int, device: str, point, target=None, **keys) -> MappedValue:
     return MappedValue(place, device, poll, point, target, **keys)
 
 
-class Device:
+class Device(Origin):
     """A device of which requests wait until the test answers them; the Origin of its polls too."""
 
-    caller = Caller.without_address("polls")
-
     def __init__(self, name: str, bench: "Bench", profile: Profile = GENERIC) -> None:
+        self.caller = Caller.without_address("polls")
         self.holes = Holes()
         self.asked: list[Request] = []
         self.rests = False
@@ -50,7 +50,7 @@ class Device:
         self.polls = DevicePolls(
             PolledUnit(name, 1, ReadRules.of(profile)), self, self, PollTurns(), bench.events.append
         )
-        self.source = Source(self.polls, self, profile)
+        self.source = Source(self.polls, CallingTarget(self.submit), profile)
 
     def submit(self, request, now, *, yields=False):
         assert yields == (request.origin is self)
@@ -146,7 +146,7 @@ class Bench:
         return [each.place for each in (*rows, *fresh, *ages) if each.place.area is area]
 
 
-class Client:
+class Client(Origin):
     """A client: `came` is what it has got since it was last looked at."""
 
     def __init__(self, bench: Bench, name: str) -> None:

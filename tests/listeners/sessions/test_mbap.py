@@ -15,18 +15,20 @@ from gateway.errors import (
 )
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.listeners.sessions.session import LONGEST_HOLD, SENDING_DEADLINE, SHORTEST_HOLD, TAKING_DEADLINE
+from gateway.listeners.sessions.session import Connection as AnyConnection
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import rtu
 from gateway.modbus.mbap import encode
 from gateway.request import Caller, Request
+from gateway.request import Target as AnyTarget
 
 READ = bytes.fromhex("03 00 10 00 01")
 RESPONSE = bytes.fromhex("03 02 01 10")
 OTHER_RESPONSE = bytes.fromhex("03 02 02 20")
 
 
-class Target:
+class Target(AnyTarget):
     """A Target that keeps its requests, or answers at once."""
 
     def __init__(self) -> None:
@@ -42,7 +44,7 @@ class Target:
             request.fail(self.error)
 
 
-class Connection:
+class Connection(AnyConnection):
     """What the session does to its connection, as one list."""
 
     def __init__(self) -> None:

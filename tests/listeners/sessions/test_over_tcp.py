@@ -10,10 +10,12 @@ from gateway.errors import IllegalValue, QueueFull, ResponseTimeout
 from gateway.listeners.sessions.arrivals import LOOK_STEP, SILENCE, TOGETHER
 from gateway.listeners.sessions.over_tcp import MOST_BROADCASTS, MOST_NOISE, OverTcpSession
 from gateway.listeners.sessions.session import LONGEST_HOLD, SENDING_DEADLINE
+from gateway.listeners.sessions.session import Connection as AnyConnection
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.request import Caller, Request
+from gateway.request import Target as AnyTarget
 from kit.waiting import Waiting
 
 READ = bytes.fromhex("03 00 10 00 01")
@@ -28,7 +30,7 @@ TIME_OUT = 0.5
 ENCODE = {"rtu+tcp": rtu.encode, "ascii+tcp": ascii_framing.encode}
 
 
-class Target:
+class Target(AnyTarget):
     """A Target that keeps its requests, or answers at once."""
 
     def __init__(self) -> None:
@@ -48,7 +50,7 @@ class Target:
             request.respond(RESPONSE if request.pdu == READ else OTHER_RESPONSE)
 
 
-class Connection:
+class Connection(AnyConnection):
     """What the session does to its connection. `wakes_at` is when it wants to be called."""
 
     def __init__(self) -> None:

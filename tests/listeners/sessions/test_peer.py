@@ -9,6 +9,7 @@ from gateway.listeners.sessions.peer import Path, Peer
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus.mbap import TcpFrame, encode
 from gateway.request import Caller, Request
+from gateway.request import Target as AnyTarget
 from kit.waiting import Waiting
 
 READ = bytes.fromhex("03 00 10 00 01")
@@ -19,7 +20,7 @@ OTHER_RESPONSE = bytes.fromhex("03 02 02 20")
 BUSY = bytes.fromhex("83 06")
 
 
-class Target:
+class Target(AnyTarget):
     def __init__(self) -> None:
         self.requests: list[Request] = []
 

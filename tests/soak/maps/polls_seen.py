@@ -18,6 +18,7 @@ from gateway.images.drivers.unit_driver import UnitDriver
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.pdu import Span, parse_request
 from gateway.registers.items import unpack_bits
+from gateway.request import Target
 from soak.maps.devices import POINTS, Told
 from soak.maps.rows import BITS, Row
 
@@ -193,7 +194,7 @@ class _SeenDriver(PollsDriver):
         super().answer(request, pdu)
 
 
-class _SeenTarget:
+class _SeenTarget(Target):
     """What is polled, and who is told of it."""
 
     seen: DeviceSeen

@@ -14,6 +14,7 @@ from math import inf
 from typing import Final
 
 from gateway.lines.transaction import Transaction
+from gateway.listeners.sessions import session
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
@@ -217,7 +218,7 @@ class World:
         )
 
 
-class Client:
+class Client(session.Connection):
     """A connection that always has some requests under way, and checks every answer."""
 
     address = "127.0.0.1"

@@ -19,7 +19,7 @@ from gateway.listeners.connection import TcpConnection
 from gateway.listeners.sessions.session import SENDING_DEADLINE
 from gateway.listeners.tcp import TcpListener
 from gateway.modbus.frame import Frame
-from gateway.request import Caller, Request
+from gateway.request import Caller, Request, Target
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.faulty import Fault
 from kit.gateway_bench import GatewayBench, gateway_bench
@@ -195,7 +195,7 @@ class World:
         asyncio.get_running_loop().call_later(soon, self.outside.stand_still, seconds)
 
 
-class _Router:
+class _Router(Target):
     """The gateway's router, and who looks at what it is handed."""
 
     def __init__(self, world: World, listener: TcpListener) -> None:
