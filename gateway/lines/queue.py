@@ -151,21 +151,26 @@ class WaitingQueue:
         self._remove(transaction)
         return transaction
 
-    def expired(self, now: float) -> list[tuple[Request, str]]:
+    def expired(self, now: float) -> tuple[tuple[Request, str], ...]:
         """Remove the requests that have waited too long at `now`. Return each with the name of its device."""
+        first = self._expiries.first
+        if first is None or now < first.expires_at:
+            return ()
         late = []
         while (place := self._expiries.first) is not None and place.expires_at <= now:
             place.transaction.counts.expired += 1
             late.append((place.request, place.transaction.device.name))
             self._withdraw(place)
-        return late
+        return tuple(late)
 
-    def expired_repeats(self, now: float) -> list[Transaction]:
+    def expired_repeats(self, now: float) -> tuple[Transaction, ...]:
         """Remove and return the transactions that it is too late to send again."""
+        if not self._repeats:
+            return ()
         late = [transaction for transaction in self._repeats if transaction.gives_up_at <= now]
         for transaction in late:
             self._remove(transaction)
-        return late
+        return tuple(late)
 
     def waits_since(self) -> float:
         """Return when the oldest waiting request came, or an earlier time; minus infinity if there is a repeat."""

@@ -119,15 +119,15 @@ class Scheduler(Waiting):
         """Remove and return everything that waits."""
         return [*self.queue.clear(), *self._idle.clear()]
 
-    def end(self, now: float) -> list[Transaction]:
+    def end(self, now: float) -> tuple[Transaction, ...]:
         """End the request on the line. If responses are owed, its late window opens.
 
         Return the waiting transactions that the window forbids for too long, which are removed. Repeats stay: they wait
         for it anyway.
         """
         if not self._ledger.end(now):
-            return []
-        return self.queue.drop(lambda waiting: not waiting.retries and self._is_forbidden(waiting, now))
+            return ()
+        return tuple(self.queue.drop(lambda waiting: not waiting.retries and self._is_forbidden(waiting, now)))
 
     def refuse(self, transaction: Transaction, error: RequestError, now: float) -> None:
         """Fail a request that was not sent, and record why."""
@@ -135,7 +135,7 @@ class Scheduler(Waiting):
         self._telling.record_refused(transaction, error, now, waiting=len(self.queue), late_until=until or 0.0)
         transaction.fail(error)
 
-    def fail_forbidden(self, transactions: list[Transaction], now: float) -> None:
+    def fail_forbidden(self, transactions: tuple[Transaction, ...], now: float) -> None:
         """Fail these transactions: a late response could be taken for theirs."""
         for transaction in transactions:
             self.refuse(transaction, errors.AnswerOverdue(), now)

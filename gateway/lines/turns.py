@@ -93,7 +93,7 @@ class Member(ABC):
 
 
 class Row(Member):
-    """The waiting requests of one connection, from `oldest` to `newest`. It takes turns with others of its `address`."""
+    """The waiting requests of one connection, `oldest` to `newest`. It takes turns with the others of its `address`."""
 
     __slots__ = ("address", "newest", "oldest")
 

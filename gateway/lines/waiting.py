@@ -53,7 +53,7 @@ class Waiting:
         for transaction in transactions:
             self.refuse(transaction, errors.LineLost() if transaction.is_repeat else errors.LineDown(), now)
 
-    def fail_expired(self, late: list[tuple[Request, str]], now: float) -> None:
+    def fail_expired(self, late: tuple[tuple[Request, str], ...], now: float) -> None:
         """Fail these requests, each with the name of its device: they have waited too long, and were not sent."""
         for request, name in late:
             self._telling.record_expired(request, name, errors.WaitedTooLong(), now)

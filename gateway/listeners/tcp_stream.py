@@ -5,45 +5,24 @@ It is a reduced transport of asyncio, with half the instructions.
 
 import asyncio
 import socket
-from typing import Final, Protocol
+from typing import Final
 
 from gateway.clock.system_calls import read_into, write
+from gateway.listeners.connection import TcpConnection
 
 #: Looking them up in their module would cost as much as calling them.
 _read_into: Final = read_into
 _write: Final = write
 
 
-class StreamUser(Protocol):
-    """The protocol of a connection, like asyncio.BufferedProtocol. It never raises."""
-
-    def get_buffer(self) -> memoryview:
-        """Return the buffer to receive into; empty if there is no room at the moment."""
-
-    def buffer_updated(self, nbytes: int) -> None:
-        """Take the bytes received into that buffer."""
-
-    def eof_received(self) -> bool:
-        """Take note that the client has closed its side. The result is ignored."""
-
-    def pause_writing(self) -> None:
-        """Stop writing: the client does not read."""
-
-    def resume_writing(self) -> None:
-        """Write again: the client reads."""
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Forget the connection: it has ended."""
-
-
 class TcpStream:
     """A connection on a non-blocking socket. Nothing is received before `resume_reading`."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, connected: socket.socket, user: StreamUser) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, connected: socket.socket, user: TcpConnection) -> None:
         self._loop = loop
         self._socket = connected
         self._descriptor = connected.fileno()
-        self._user: StreamUser | None = user
+        self._user: TcpConnection | None = user
         #: Bytes that the client has not read, and the number of them above which the user is told.
         self._unsent = bytearray()
         self._limit = 0

@@ -73,12 +73,14 @@ class MbapFramer:
     Receive into `room()`, call `filled`, then `next` until it returns None. `strict`: other protocols are an error.
     """
 
-    __slots__ = ("_at", "_buffer", "_data", "_strict", "_view")
+    __slots__ = ("_at", "_buffer", "_data", "_filled", "_strict", "_view")
 
     def __init__(self, *, strict: bool = False) -> None:
         self._strict = strict
         self._buffer = bytearray(_BUFFER)
         self._view = memoryview(self._buffer)
+        #: The part of it that was filled last: usually as much comes again, and making it costs more than its bytes.
+        self._filled = self._view[:0]
         #: The received bytes, and the place of the next ADU.
         self._data = b""
         self._at = 0
@@ -90,7 +92,9 @@ class MbapFramer:
 
     def filled(self, count: int) -> None:
         """Take `count` bytes that were received into `room()`."""
-        self.take(self._view[:count].tobytes())
+        if len(self._filled) != count:
+            self._filled = self._view[:count]
+        self.take(self._filled.tobytes())
 
     def take(self, data: bytes) -> None:
         """Take received bytes."""

@@ -110,7 +110,7 @@ class Scanner:
         """Let time pass. Return the frames that silence has ended."""
         return []
 
-    def end(self) -> list[Token]:
+    def end(self) -> tuple[Token, ...]:
         """End the request. Return the frames that may have been part of its response.
 
         The response may still come late, even if its echo was lost.
@@ -118,7 +118,7 @@ class Scanner:
         if self._expected is not None and self._expected.since == NEVER:
             self._expected.since = self.position
         self._expected = None
-        return []
+        return ()
 
     @property
     def missing(self) -> int:

@@ -141,7 +141,7 @@ class RtuScanner(Scanner):
         self._silent_at = self.position
         return tokens + [self._token(at, len(self._buffer), self._last) for at in sorted(ended)]
 
-    def end(self) -> list[Token]:
+    def end(self) -> tuple[Token, ...]:
         """End the request, and return the frames held back; see `Scanner`."""
         if not (self._coming or self._waiting):  # the usual case
             self._size = 0
@@ -150,7 +150,7 @@ class RtuScanner(Scanner):
         if self._waiting:
             tokens, self._waiting = tokens + self._waiting, []
         self._size = 0
-        return tokens + super().end()
+        return (*tokens, *super().end())
 
     def is_damaged(self, data: bytes, expected: Expected, *, shared: bool) -> bool:
         """Tell whether `data` looks like this response with a wrong CRC; see `Scanner`."""

@@ -674,7 +674,7 @@ def test_a_request_that_has_waited_too_long_is_handed_back_and_not_sent() -> Non
     waiting.now = 0.5
     waiting.put("B", unit=2)
     assert waiting.queue.next_expiry() == 1.0
-    assert waiting.queue.expired(0.999) == []
+    assert waiting.queue.expired(0.999) == ()
     assert [request for request, _ in waiting.queue.expired(1.0)] == late.requests
     assert waiting.take_all() == ["B2"]
     assert waiting.is_empty()

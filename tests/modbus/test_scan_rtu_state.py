@@ -135,7 +135,7 @@ def test_a_frame_inside_a_response_that_was_cut_is_found_when_that_is_not_awaite
     assert scanner.deadline(expected) is None
     assert scanner.tick(1.0 + SILENCE) == []
     assert places(scanner.end()) == [(4, 11, 1.0, (2, OTHERS[1:-2]))]
-    assert scanner.end() == []
+    assert scanner.end() == ()
 
 
 def test_a_response_that_only_its_request_tells_the_size_of_is_found_behind_noise() -> None:

@@ -7,7 +7,7 @@ from heapq import heappop, heappush
 from itertools import count
 from math import inf
 
-from gateway.listeners.tcp_stream import StreamUser
+from gateway.listeners.connection import TcpConnection
 
 
 class Outside:
@@ -60,7 +60,9 @@ class Socket:
     The loop calls a few other callbacks before it reads. `heard` takes what the gateway sends.
     """
 
-    def __init__(self, outside: Outside, dice: random.Random, user: StreamUser, heard: Callable[[bytes], None]) -> None:
+    def __init__(
+        self, outside: Outside, dice: random.Random, user: TcpConnection, heard: Callable[[bytes], None]
+    ) -> None:
         self._outside = outside
         self._loop = asyncio.get_running_loop()
         self._dice = dice

@@ -73,10 +73,11 @@ class MbapSession(Session):
         """Take the response to one of the session's requests."""
         self.in_progress -= 1
         is_awaited = request.transaction != _GIVEN_UP
-        if is_awaited and self._under_way and self._under_way.pop(request.transaction, None) is not None:
-            # else it was ready at once
-            if self._rises > 0 and self._connection.time() - request.received_at > _QUICK:
-                self._rises = 0  # the client may reuse the identifier after a time-out
+        was_under_way = (  # else it was ready at once
+            is_awaited and self._under_way and self._under_way.pop(request.transaction, None) is not None
+        )
+        if was_under_way and self._rises > 0 and self._connection.time() - request.received_at > _QUICK:
+            self._rises = 0  # the client may reuse the identifier after a time-out
         if self._life == GONE:
             return
         if is_awaited and pdu is not None and not is_kept_back(request, self._settings.on_failure):
