@@ -55,6 +55,8 @@ class Destination(NamedTarget):
         self.answer_time = answer_time
         self.breaker = Breaker()
         self.counts = UnitCounts()
+        #: Those of the counts, at hand: an attribute of a dictionary would be looked up by its name.
+        self.times = self.counts.times
         #: What it has last answered; None unless something is known of what its registers mean.
         self.last_reads: LastReads | None = None
 
@@ -107,9 +109,8 @@ class Transaction:
         self.asked = asked
         self.device = device
         function = asked.function
-        counts = device.counts
-        self.counts = counts[function]
-        self.times = counts.times[function]
+        self.counts = device.counts[function]
+        self.times = device.times[function]
         self.expects_answer = asked.is_answered
         #: The unit identifier that the request is sent to.
         self.unit = device.unit

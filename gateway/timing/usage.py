@@ -9,9 +9,6 @@ OTHERS: Final = "others"
 
 #: Client, unit identifier on the wire, function.
 User = tuple[str, int, int]
-#: A unit and a function as one number.
-_FUNCTION_BITS: Final = 8
-_FUNCTION: Final = 0xFF
 
 
 class Use:
@@ -35,14 +32,15 @@ class Usage:
     __slots__ = ("_clients", "_size")
 
     def __init__(self) -> None:
-        #: By client, then by unit and function: two look-ups cost half of one that has to put all three together.
-        self._clients: dict[str, dict[int, Use]] = {}
+        #: By client, unit and function: three look-ups cost less than one that has to put all three together.
+        self._clients: dict[str, dict[int, dict[int, Use]]] = {}
         self._size = 0
 
     def add(self, client: str, unit: int, function: int, seconds: float) -> None:
         """Add how long a transaction of this user has taken the line, with the silence behind it."""
         of_client = self._clients.get(client)
-        use = None if of_client is None else of_client.get(unit << _FUNCTION_BITS | function)
+        of_unit = None if of_client is None else of_client.get(unit)
+        use = None if of_unit is None else of_unit.get(function)
         if use is None:
             use = self._new(client, unit, function)
         use.add(seconds)
@@ -56,17 +54,17 @@ class Usage:
     def look(self) -> dict[User, Use]:
         """Return the same, while the table goes on."""
         return {
-            (client, both >> _FUNCTION_BITS, both & _FUNCTION): use
+            (client, unit, function): use
             for client, of_client in self._clients.items()
-            for both, use in of_client.items()
+            for unit, of_unit in of_client.items()
+            for function, use in of_unit.items()
         }
 
     def _new(self, client: str, unit: int, function: int) -> Use:
         if self._size >= MOST_ROWS:
             client, unit, function = OTHERS, 0, 0
-        of_client = self._clients.setdefault(client, {})
-        both = unit << _FUNCTION_BITS | function
-        if both not in of_client:
-            of_client[both] = Use()
+        of_unit = self._clients.setdefault(client, {}).setdefault(unit, {})
+        if function not in of_unit:
+            of_unit[function] = Use()
             self._size += 1
-        return of_client[both]
+        return of_unit[function]
