@@ -29,7 +29,7 @@ def crc16(data: bytes) -> int:
 
 def with_crc(data: bytes) -> bytes:
     """Append the CRC of `data`, low byte first."""
-    return data + _modbus_crc(data).to_bytes(2, "little")
+    return data + crc16(data).to_bytes(2, "little")
 
 
 def crc_fits(frame: bytes) -> bool:
