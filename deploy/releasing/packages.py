@@ -35,7 +35,7 @@ def get_tools(shop: Workshop) -> None:
 
 def build_sdist_and_pure_wheel(shop: Workshop) -> None:
     """Build the sdist, and the wheel from the sdist, which is thereby seen to be complete."""
-    _build(shop, shop.source, folder=shop.dist)
+    _build(shop, shop.source, folder=shop.dist, HATCH_BUILD_NO_HOOKS="true")
     (shop.dist / ".gitignore").unlink(missing_ok=True)  # uv's
 
 

@@ -22,7 +22,7 @@ def missing_library(extra: str) -> str | None:
 
 def not_installed(module: str | None, extra: str) -> str:
     """Say that a module of an extra is missing, and how to install it."""
-    wheel = f"./dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]"
+    wheel = f'"$(echo ./dist/mbgw-{__version__}-*.whl)[web,mqtt,fleet,yaml]"'
     environment = Path(sys.prefix)  # of pipx, or of the program that the gateway is a part of
     command = "pipx install --force" if "pipx" in environment.parts else f"{environment / 'bin' / 'pip'} install"
-    return f"{module} is not installed: the wheel was installed without [{extra}]; {command} '{wheel}'"
+    return f"{module} is not installed: the wheel was installed without [{extra}]; {command} {wheel}"

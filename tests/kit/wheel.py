@@ -1,5 +1,6 @@
 """The gateway's wheel, and environments that have it without the checkout."""
 
+import os
 import subprocess
 import sys
 import venv
@@ -14,9 +15,10 @@ _CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def build(folder: Path, *more: str) -> None:
-    """Build the wheel into `folder`, as `deploy/release` does; `more` are options, such as `-t sdist`."""
+    """Build the pure wheel into `folder`, as `deploy/release` does; `more` are options, such as `-t sdist`."""
+    pure = os.environ | {"HATCH_BUILD_NO_HOOKS": "true"}
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", *more, "-d", folder]
-    subprocess.run(command, capture_output=True, check=True, cwd=_CHECKOUT)
+    subprocess.run(command, capture_output=True, check=True, cwd=_CHECKOUT, env=pure)
 
 
 def asked_for(library: str) -> set[str]:

@@ -188,7 +188,7 @@ def test_what_installs_a_missing_library_needs_nothing_that_is_not_published(env
     monkeypatch.setattr("sys.prefix", environment)
     assert not_installed("aiohttp", "web") == (
         "aiohttp is not installed: the wheel was installed without [web]; "
-        f"{command} './dist/mbgw-{__version__}-py3-none-any.whl[web,mqtt,fleet,yaml]'"
+        f'{command} "$(echo ./dist/mbgw-{__version__}-*.whl)[web,mqtt,fleet,yaml]"'
     )
 
 

@@ -59,7 +59,8 @@ def main(tests: list[str]) -> int:
         look_here_too(python)  # what is pinned there is installed again only where the oldest need another version
         subprocess.run([*pip, *wanted], check=True)
         pytest = [python, "-m", "pytest", "--quiet", "--numprocesses", "auto", "--dist", "loadfile"]
-        pytest += ["-m", "not search"]  # many cases of ours, which meet no library in another way than a few
+        # Many cases of ours meet no library in another way than a few.
+        pytest += ["-m", "not search", "--hypothesis-profile=quick"]
         own = os.environ | {"PYTHONPYCACHEPREFIX": str(Path(sys.prefix, "bytecode"))}
         own.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes start
         chosen = tests or (*TESTS, *REAL_TIME)

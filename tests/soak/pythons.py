@@ -36,7 +36,7 @@ PURE: Final = ("tests", "--ignore", "tests/system", "-m", "not search")
 COMPILED: Final = (
     *(f"tests/{name}" for name in ("devices", "images", "lines", "listeners", "modbus", "model", "ports", "registers")),
     *(f"tests/{name}" for name in ("routing", "service", "stories", "timing", "trace", "upstreams")),
-    *("--ignore", "tests/stories/test_accepted_configs.py", "-o", "pythonpath=tests deploy"),
+    *("-o", "pythonpath=tests deploy"),
     *("-m", "not search and not interpreted"),
 )
 #: Runs the pure wheel; no wheel is compiled for it yet.

@@ -147,6 +147,20 @@ def test_a_wheel_can_be_built_from_the_sdist_and_compiled_too(built):
     assert {"README.md", "LICENSE", "gateway/py.typed", "deploy/compile", hook["path"]} <= names
 
 
+@pytest.mark.parametrize(("wanted", "made"), [("", 1), ("1", 0)])
+def test_a_wheel_that_cannot_be_compiled_is_pure_unless_it_must_be_compiled(tmp_path, wanted, made):
+    without = os.environ | {"CC": "no-such-compiler", "HATCH_BUILD_HOOK_ENABLE_CUSTOM": wanted}
+    for file in ("pyproject.toml", "README.md", "LICENSE", "deploy/wheel_hook.py", "deploy/compile", "gateway"):
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).symlink_to(CHECKOUT / file)
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel"]
+    done = subprocess.run(command, cwd=tmp_path, env=without, capture_output=True, text=True, check=False)
+    wheels = [path.name for path in (tmp_path / "dist").glob("*.whl")]
+    assert [name.endswith("-py3-none-any.whl") for name in wheels] == [True] * made, done.stderr
+    assert "not compiled" in done.stderr
+    assert "there is no no-such-compiler" in done.stderr
+
+
 def test_the_package_admits_the_pythons_for_which_it_has_libraries():
     build = (DEPLOY / "build-deb").read_text(encoding="utf-8")
     minors = [int(minor) for minor in re.findall(r"3\.(\d+)", build.partition('pythons="')[2].partition('"')[0])]
