@@ -87,7 +87,7 @@ def objects() -> Counter[str]:
     return Counter(type(each).__qualname__ for each in gc.get_objects())
 
 
-@pytest.mark.parametrize("times", [30, pytest.param(1000, marks=pytest.mark.search)])
+@pytest.mark.parametrize("times", [30, pytest.param(300, marks=pytest.mark.search)])
 def test_started_and_stopped_many_times_it_leaves_nothing(port, times):
     async def repeat() -> None:
         for _ in range(5):  # what is made once
