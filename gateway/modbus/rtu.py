@@ -34,7 +34,7 @@ def with_crc(data: bytes) -> bytes:
 
 def crc_fits(frame: bytes) -> bool:
     """Tell whether a frame ends with its CRC: the CRC over the whole frame is then zero."""
-    return _modbus_crc(frame) == 0
+    return crc16(frame) == 0
 
 
 def encode(unit: int, pdu: bytes) -> bytes:
