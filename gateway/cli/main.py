@@ -10,9 +10,11 @@ module's name. Errors for the user are raised as a GatewayError, whose text is c
 """
 
 import argparse
+import gc
 import os
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from keyword import iskeyword
 from pathlib import Path
@@ -33,6 +35,8 @@ INTERRUPTED: Final = 130
 _ERROR: Final = f"modbus-gateway: {red('error')}:"
 #: One prints a log, and these have commands of their own.
 _WITHOUT_COLOUR: Final = frozenset({"run", "user", "certificates"})
+#: These make many objects first, and all of them stay.
+_WITHOUT_COLLECTIONS: Final = frozenset({"run", "check"})
 _COLOUR_HELP: Final = "when to use colour (default auto: on a terminal, unless NO_COLOR is set)"
 #: The default config file.
 DEFAULT_CONFIG: Final = "/etc/modbus-gateway/gateway.toml"
@@ -76,9 +80,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     if not words:
         return _tell_first_steps()
-    args = _parser(words).parse_args(words)
-    with no_control_characters(getattr(args, "color", "auto")):
-        return _run(args)
+    with _without_collections() if words[0] in _WITHOUT_COLLECTIONS else nullcontext():
+        args = _parser(words).parse_args(words)
+        with no_control_characters(getattr(args, "color", "auto")):
+            return _run(args)
+
+
+@contextmanager
+def _without_collections() -> Iterator[None]:
+    """Collect no garbage inside the context, or until the command wants it: a fifth of the time of a start."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def _tell_first_steps() -> int:

@@ -29,7 +29,7 @@ from gateway.config.checks.units import (
 from gateway.config.checks.upstreams import check_upstreams
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Path, Problem, WrongValue, error, warning
-from gateway.config.resolve import complete, without_rows
+from gateway.config.resolve import Planning
 from gateway.config.schema.config import Config
 from gateway.config.values.address import Address
 
@@ -45,19 +45,20 @@ _LONGEST_SOCKET_PATH: Final = 107
 
 
 def check(
-    config: Config,
+    planning: Planning,
     failed: frozenset[str] = frozenset(),
     port_trouble: PortTrouble = lambda _: None,
     real_path: Callable[[str], str] = str,
     address_trouble: AddressTrouble = lambda _: None,
     unit_trouble: UnitTrouble = lambda _: None,
 ) -> Iterator[Problem]:
-    """Find all conflicts between tables.
+    """Find all conflicts between tables of the config that is being planned.
 
     `failed` are the sections with a table that is missing because it has errors: references that may mean it are not
     reported. `port_trouble` and `real_path` check ports, `address_trouble` checks addresses of listeners, and
     `unit_trouble` the classes of units made in Python.
     """
+    config = planning.config
     looked_at = (
         *_look_at_ports(config, port_trouble),
         *_look_at_addresses(config, address_trouble),
@@ -66,7 +67,7 @@ def check(
     found = [*_check_tables(config, failed, real_path), *looked_at]
     yield from found
     if not failed and not _errors(found):
-        yield from _check_settings(config)
+        yield from _check_settings(planning)
 
 
 def _check_tables(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:
@@ -98,13 +99,12 @@ def _check_tables(config: Config, failed: frozenset[str], real_path: Callable[[s
     yield from check_upstreams(config, failed)
 
 
-def _check_settings(config: Config) -> Iterator[Problem]:
+def _check_settings(planning: Planning) -> Iterator[Problem]:
     """Find what only the settings of the parts tell. The config has passed all other checks."""
-    plan, maps = without_rows(config)
-    found = [*check_planned_maps(maps)]
+    found = [*check_planned_maps(planning.maps)]
     yield from found
     if not _errors(found):
-        yield from _check_plan(config, complete(plan, maps, config))
+        yield from _check_plan(planning.config, planning.plan)
 
 
 def _check_plan(config: Config, plan: Plan) -> Iterator[Problem]:

@@ -19,6 +19,7 @@ from gateway.config.machine.file_text import (
 )
 from gateway.config.machine.paths import check_paths
 from gateway.config.machine.port_trouble import port_trouble
+from gateway.config.plan.settings import Plan
 from gateway.config.plan.shared_units import without_shared_units
 from gateway.config.problem import Path, Problem, error, errors_in, warning
 from gateway.config.profile_files import Origin, ProfileFiles, read_profile_file, with_profiles
@@ -28,6 +29,7 @@ from gateway.config.reading.positions import Positions
 from gateway.config.reading.profile_file import ProfileFile
 from gateway.config.reading.syntax import syntax_problem
 from gateway.config.reading.tables import LISTS, TableReader
+from gateway.config.resolve import Planning
 from gateway.config.schema.config import PROFILE, Config
 
 #: How many problems are listed.
@@ -39,7 +41,7 @@ class Loaded:
     """A loaded file: its config if it has no error, its problems in the order of the file, and its text.
 
     `profiles` are those of the config that are not shipped; `profile_texts` are the texts of those with a file of their
-    own, by name. The text has the line ends of Unix, and no byte order mark.
+    own, by name. The text has the line ends of Unix, and no byte order mark; `positions` are those in it.
     """
 
     config: Config | None
@@ -47,6 +49,13 @@ class Loaded:
     text: str = ""
     profiles: tuple[Origin, ...] = ()
     profile_texts: Mapping[str, str] = field(default_factory=dict)
+    planning: Planning | None = None
+    positions: Positions | None = None
+
+    @property
+    def plan(self) -> Plan | None:
+        """The settings of all parts; None if there is an error."""
+        return None if self.config is None or self.planning is None else self.planning.plan
 
     @property
     def errors(self) -> tuple[str, ...]:
@@ -139,7 +148,7 @@ def _checked(file: ProfileFile) -> ProfileFile:
     if file.table is None or file.is_shipped:
         return file
     alone = Config.model_validate({PROFILE: {file.name: file.table}})
-    problems = tuple(file.located(each) for each in check(alone) if each.path[:1] == (PROFILE,))
+    problems = tuple(file.located(each) for each in check(Planning(alone)) if each.path[:1] == (PROFILE,))
     return replace(file, table=None if errors_in(problems) else file.table, problems=problems)
 
 
@@ -186,7 +195,7 @@ def _parsed(
     places: "_Places",
     at: FilePath,
     exists: Callable[[str], bool],
-    troubles: Callable[[Config, frozenset[str]], Iterator[Problem]],
+    troubles: Callable[[Planning, frozenset[str]], Iterator[Problem]],
     embedding: Embedding,
 ) -> Loaded:
     document, files, folder = places.document, places.files, folder_of(at)
@@ -202,13 +211,21 @@ def _parsed(
         *_check_masks(document),
     ]
     failed = frozenset(reader.failed if profiled.is_whole else {*reader.failed, PROFILE})
-    found += troubles(config, failed)
+    planning = Planning(config)
+    found += troubles(planning, failed)
     found += embedding.check(config)
     problems = [places.locate(one) for one in dict.fromkeys(found)]
     has_error = any(one.severity == "error" for one in problems)
     kept = tuple(_most_important(problems, places.file))
     texts = {each.name: each.text for each in files.found.values() if not each.is_shipped}
-    return Loaded(None if has_error else config, kept, profiles=profiled.origins, profile_texts=texts)
+    return Loaded(
+        None if has_error else config,
+        kept,
+        profiles=profiled.origins,
+        profile_texts=texts,
+        planning=planning,
+        positions=places.positions if isinstance(places.positions, Positions) else None,
+    )
 
 
 def _check_masks(document: dict[str, Any]) -> Iterator[Problem]:

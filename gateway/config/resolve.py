@@ -1,6 +1,7 @@
 """Turns a config into the settings of every part. The parts do not depend on the config."""
 
 from dataclasses import replace
+from functools import cached_property
 
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.plan.access import access_row
@@ -17,20 +18,32 @@ from gateway.images.self_image import self_settings
 from gateway.routing.access import DEFAULT_ROWS
 
 
+class Planning:
+    """The settings that a config asks for, in two steps, each made once, and when it is asked for."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+
+    @cached_property
+    def maps(self) -> Maps:
+        """The plan of all that the rows of virtual units need, and these rows. The config has passed its checks."""
+        return _without_rows(self.config)
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The plan with virtual units and add-ons. The rows of virtual units have passed their checks, too."""
+        plan = self.maps.added_to(self.maps.plan)
+        for add_on in ADD_ONS:
+            plan = add_on.add(plan, self.config)
+        return plan
+
+
 def resolve(config: Config) -> Plan:
     """Turn a config that has passed its checks into the settings that it asks for."""
-    return complete(*without_rows(config), config)
+    return Planning(config).plan
 
 
-def complete(plan: Plan, maps: Maps, config: Config) -> Plan:
-    """Add virtual units and add-ons to a plan, after the rows of virtual units have passed their checks, too."""
-    plan = maps.added_to(plan)
-    for add_on in ADD_ONS:
-        plan = add_on.add(plan, config)
-    return plan
-
-
-def without_rows(config: Config) -> tuple[Plan, Maps]:
+def _without_rows(config: Config) -> Maps:
     """Plan all that the rows of virtual units need, and nothing that needs them."""
     profiles = {name: guarded_profile_of(name, table) for name, table in config.profile.items()}
     lines = tuple(line_plan(line, profiles, config) for line in client_lines(config))
@@ -73,4 +86,4 @@ def without_rows(config: Config) -> tuple[Plan, Maps]:
     if config.own is not None:
         plan = replace(plan, points={**plan.points, config.own.unit: own_points(plan)})
     targets = (map_target(image, profiles, of_profile) for image in config.image if kind_of(image) == "virtual unit")
-    return plan, Maps(plan, of_devices, tuple(targets))
+    return Maps(plan, of_devices, tuple(targets))

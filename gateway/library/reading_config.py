@@ -14,7 +14,6 @@ from gateway.config.machine.file_text import folder_of
 from gateway.config.machine.unit_class import find_class, wrong_methods
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, WrongValue
-from gateway.config.resolve import resolve
 from gateway.errors import ConfigError
 from gateway.images.custom_unit import CustomUnit
 from gateway.readconfig.process import ConfigRead, ReadConfig
@@ -128,8 +127,7 @@ def _import_from(file: Path) -> UnitTrouble:
 
 
 def _config_read(loaded: Loaded) -> ConfigRead:
-    plan = None if loaded.config is None else resolve(loaded.config)
-    return ConfigRead(plan, loaded.problems, loaded.text, loaded.profile_texts)
+    return ConfigRead(loaded.plan, loaded.problems, loaded.text, loaded.profile_texts)
 
 
 def _embedding(units: Units, *, has_state: bool) -> Embedding:

@@ -7,7 +7,8 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Final
 
-from gateway.listeners.sockets import explain, join_host_port
+from gateway.listeners.hosts import join_host_port
+from gateway.listeners.sockets import explain
 
 #: The pause after accepting has failed, in seconds.
 PAUSE: Final = 0.1

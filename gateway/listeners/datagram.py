@@ -3,7 +3,7 @@
 import socket
 from typing import Any, Final, NamedTuple
 
-from gateway.listeners.sockets import IPV4_MAPPED, show_host
+from gateway.listeners.hosts import IPV4_MAPPED, show_host
 from gateway.modbus.codes import MAX_TCP_ADU
 
 #: Room for the ancillary data of a datagram: `struct in6_pktinfo` and more.

@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any, Final
 
 from gateway.errors import ListenError
+from gateway.listeners.hosts import join_host_port, show_host, url
 from gateway.listeners.settings import ListenSettings
 from gateway.ports.network import AddressInfo, look_up, notice_vanished_peers
 
@@ -42,7 +43,6 @@ _SHARED_WITH_US: Final = (
 )
 _EVERY_ADDRESS: Final = "::"
 _EVERY_IPV4_ADDRESS: Final = "0.0.0.0"  # noqa: S104 - nothing is bound by it here
-IPV4_MAPPED: Final = "::ffff:"
 
 
 class OpenSockets:
@@ -184,28 +184,6 @@ def make_listen_error(
     place = f"{settings.source}: " if settings.source else ""
     reason = _advise_on_systemd(settings, error, ready or OpenSockets()) or explain(error)
     return ListenError(f"{place}cannot listen on {url(settings.scheme, settings.host, settings.port)}: {reason}")
-
-
-def url(scheme: str, host: str, port: int) -> str:
-    """Format a listener's address: `tcp://127.0.0.1:5020`."""
-    return f"{scheme}://{join_host_port(host, port)}"
-
-
-def show_host(host: str) -> str:
-    """Format a peer's address; that of an IPv4 client on an IPv6 socket as IPv4: `10.0.0.7`."""
-    return host.removeprefix(IPV4_MAPPED) if "." in host else host
-
-
-def join_host_port(host: str, port: int) -> str:
-    """Join host and port: `10.0.0.7:502`, `[fe80::1]:502`."""
-    host = show_host(host)
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-
-
-def split_host(client: str) -> str:
-    """Return the host of a result of `join_host_port`; a text without a port is returned as it is."""
-    host, _, port = client.rpartition(":")
-    return host.strip("[]") if port.isdecimal() else client
 
 
 def explain(error: OSError | UnicodeError) -> str:

@@ -10,6 +10,7 @@ from gateway.listeners.accepting import Acceptor
 from gateway.listeners.admission import MADE_ROOM, NOT_MEANT, Admission
 from gateway.listeners.client_counts import ClientCounts
 from gateway.listeners.connection import TcpConnection
+from gateway.listeners.hosts import join_host_port, show_host, split_host
 from gateway.listeners.sessions.arrivals import LOOK_STEP
 from gateway.listeners.settings import ListenSettings
 from gateway.listeners.share_keys import ShareKeys
@@ -19,11 +20,8 @@ from gateway.listeners.sockets import (
     bind_sockets,
     find_addresses,
     is_meant,
-    join_host_port,
     make_listen_error,
     show_bound_address,
-    show_host,
-    split_host,
 )
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.ports.network import AddressInfo

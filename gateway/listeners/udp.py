@@ -10,17 +10,11 @@ from gateway import events
 from gateway.listeners.admission import MADE_ROOM, NO_RIGHTS, NOT_MEANT, Admission
 from gateway.listeners.client_counts import ClientCounts
 from gateway.listeners.datagram import PeerAddress, receive, request_local_address, send_arguments
+from gateway.listeners.hosts import join_host_port
 from gateway.listeners.sessions.peer import Path, Peer
 from gateway.listeners.settings import ListenSettings
 from gateway.listeners.share_keys import ShareKeys
-from gateway.listeners.sockets import (
-    OpenSockets,
-    bind_sockets,
-    find_addresses,
-    is_meant,
-    join_host_port,
-    show_bound_address,
-)
+from gateway.listeners.sockets import OpenSockets, bind_sockets, find_addresses, is_meant, show_bound_address
 from gateway.modbus import mbap
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.ports.network import AddressInfo

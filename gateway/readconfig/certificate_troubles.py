@@ -4,19 +4,15 @@ import os
 import time
 from collections.abc import Iterator
 
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, warning
-from gateway.config.resolve import resolve
-from gateway.config.schema.config import Config
 from gateway.errors import TlsError
-from gateway.readconfig.expiry import DAY
-from gateway.tls.contexts import load
 from gateway.tls.settings import Secured, ServerTls
 from gateway.tls.status import EARLY
 
 
-def certificate_troubles(config: Config, file: str) -> Iterator[Problem]:
+def certificate_troubles(plan: Plan, file: str) -> Iterator[Problem]:
     """Yield a warning for each file that cannot be used, or not for long. Only the service can see credentials."""
-    plan = resolve(config)
     besides = (one for part in plan.add_ons.values() for one in part.secured)
     for one in (*plan.secured, *besides):
         if not _has_credentials(one) or "CREDENTIALS_DIRECTORY" in os.environ:
@@ -24,6 +20,9 @@ def certificate_troubles(config: Config, file: str) -> Iterator[Problem]:
 
 
 def _look_at(one: Secured) -> Iterator[Problem]:
+    from gateway.readconfig.expiry import DAY  # noqa: PLC0415 - few configs name such files
+    from gateway.tls.contexts import load  # noqa: PLC0415 - loads ssl
+
     try:
         loaded = load(one.settings)
     except TlsError as error:

@@ -43,8 +43,8 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
         return loaded
     trouble = file_trouble(file, folder)
     found = [] if trouble is None else [trouble]
-    found += certificate_troubles(config, file)
-    positions = Positions(loaded.text)
+    found += () if loaded.plan is None else certificate_troubles(loaded.plan, file)
+    positions = loaded.positions or Positions(loaded.text)
     found += [each.located(file, *positions.key(each.path)) for each in _about_libraries(config)]
     about_files = (*_about_files(config, folder), *_about_code(config, Path(file)))
     found += [each.located(file, *positions.value(each.path)) for each in about_files]

@@ -8,7 +8,7 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -66,6 +66,11 @@ class ConfigRead:
     def errors(self) -> tuple[str, ...]:
         """The problems that are errors, as text: the reasons why there is no plan."""
         return errors_in(self.problems)
+
+
+def made(kind: Callable[..., Any], names: tuple[str, ...], values: tuple[Any, ...]) -> Any:
+    """Make an object of an answer. As this is no compiled code, the lines get their turns while a plan is taken in."""
+    return kind(**dict(zip(names, values, strict=True)))
 
 
 class ReadConfig(Protocol):

@@ -5,7 +5,7 @@ import pickle
 import signal
 import sys
 from dataclasses import fields, is_dataclass
-from functools import partial
+from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,7 @@ from gateway.config.load import load
 from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.machine.file_text import folder_of
 from gateway.config.machine.unit_class import unit_trouble
-from gateway.config.resolve import resolve
-from gateway.readconfig.process import READING_TIME, ConfigRead
+from gateway.readconfig.process import READING_TIME, ConfigRead, made
 
 
 def read_here(file: Path, *, look_around: bool = False) -> ConfigRead:
@@ -26,8 +25,7 @@ def read_here(file: Path, *, look_around: bool = False) -> ConfigRead:
         from gateway.readconfig.file_troubles import with_file_troubles  # noqa: PLC0415 - it needs TLS, others do not
 
         loaded = with_file_troubles(loaded, str(file))
-    plan = None if loaded.config is None else resolve(loaded.config)
-    return ConfigRead(plan, loaded.problems, loaded.text, loaded.profile_texts)
+    return ConfigRead(loaded.plan, loaded.problems, loaded.text, loaded.profile_texts)
 
 
 def packed(read: object) -> bytes:
@@ -67,10 +65,17 @@ def _answers_apart() -> int:
     return target
 
 
+@cache
+def _names(kind: type[Any]) -> tuple[str, ...]:
+    """List the fields that are given when an object is made, in their order."""
+    return tuple(each.name for each in fields(kind) if each.init)
+
+
 class _Pickler(pickle.Pickler):
     """A pickler of dataclasses by their fields: those of compiled modules cannot be pickled in the usual way."""
 
     def reducer_override(self, value: Any) -> Any:
         if not is_dataclass(value) or isinstance(value, type):
             return NotImplemented
-        return partial(type(value), **{each.name: getattr(value, each.name) for each in fields(value) if each.init}), ()
+        names = _names(type(value))  # one object for each type, which is written once
+        return made, (type(value), names, tuple(getattr(value, name) for name in names))

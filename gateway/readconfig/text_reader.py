@@ -14,7 +14,6 @@ from gateway.config.plan.differences import differences, need_restart
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, dotted
 from gateway.config.reading.comparing import difference, shown
-from gateway.config.resolve import resolve
 from gateway.readconfig.text_check import TextChanges, TextCheck, TextProblem, unpacked_texts
 
 #: What checking a text may take of memory, in bytes: the service has 512 MiB for all. 10 000 rows need a third of it.
@@ -46,12 +45,12 @@ def look_at(text: str, in_use: str, file: Path) -> TextCheck:
     loaded = _parse(text, file)
     notes = [_NOT_LOOKED_AT, *_about_profiles(loaded), *_about_python(loaded)]
     changes = None
-    if loaded.config is not None:
+    if loaded.plan is not None:
         before = _parse(in_use, file)
-        if before.config is None:
+        if before.plan is None:
             notes.append("what it would change is not known: the config in use cannot be read again")
         else:
-            changes = _changes(resolve(before.config), resolve(loaded.config))
+            changes = _changes(before.plan, loaded.plan)
     return TextCheck(
         problems=tuple(_told(each, file) for each in loaded.problems),
         changes=changes,

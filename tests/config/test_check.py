@@ -2,6 +2,7 @@
 
 from gateway.config.check import check
 from gateway.config.load import parse
+from gateway.config.resolve import Planning
 from kit.config_problems import LINE, problems
 
 
@@ -17,7 +18,7 @@ def test_an_image_alone_is_something_to_serve():
 def test_the_checks_can_be_had_for_a_config_without_any_file():
     config = parse(LINE).config
     assert config is not None
-    assert list(check(config)) == []
+    assert list(check(Planning(config))) == []
 
 
 def test_a_control_socket_whose_path_is_too_long():

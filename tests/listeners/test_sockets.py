@@ -7,16 +7,9 @@ from collections.abc import Iterator
 import pytest
 
 from gateway.errors import ListenError
+from gateway.listeners.hosts import join_host_port, show_host
 from gateway.listeners.settings import ListenSettings
-from gateway.listeners.sockets import (
-    OpenSockets,
-    bind_sockets,
-    explain,
-    join_host_port,
-    make_listen_error,
-    show_bound_address,
-    show_host,
-)
+from gateway.listeners.sockets import OpenSockets, bind_sockets, explain, make_listen_error, show_bound_address
 from kit.ipv6 import needs_ipv6
 
 

@@ -14,9 +14,9 @@ IMAGE = "[[image]]\nunit = 200\nholding = 10\n"
 def troubles(tmp_path: Path, text: str) -> list[str]:
     file = tmp_path / "gateway.toml"
     file.write_text(IMAGE + text)
-    config = load(file).config
-    assert config is not None
-    return [str(each) for each in certificate_troubles(config, str(file))]
+    plan = load(file).plan
+    assert plan is not None
+    return [str(each) for each in certificate_troubles(plan, str(file))]
 
 
 def test_good_files_are_fine(tmp_path: Path) -> None:

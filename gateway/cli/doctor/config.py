@@ -9,7 +9,6 @@ from gateway.config.load import load
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, did_you_mean
 from gateway.config.reading.source import place_of
-from gateway.config.resolve import resolve
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding, Level
 from gateway.errors import DaemonError
@@ -29,11 +28,11 @@ def look_at_config(file: Path, line: str | None) -> list[Finding]:
     findings = [
         Finding(_LEVELS[problem.severity], problem.file, _told(problem), problem.remedy) for problem in loaded.problems
     ]
-    if loaded.config is None:
+    if loaded.plan is None:
         return findings
     if not findings:
         findings = [Finding("ok", str(file), "the config is valid")]
-    return [*findings, *findings_about(_ports(resolve(loaded.config), line), None)]
+    return [*findings, *findings_about(_ports(loaded.plan, line), None)]
 
 
 def _told(problem: Problem) -> str:

@@ -6,8 +6,8 @@ from gateway.cli.kit.columns import align
 from gateway.cli.show.limits import milliseconds
 from gateway.config.plan.settings import Plan
 from gateway.config.values.duration import show_duration
+from gateway.listeners.hosts import url
 from gateway.listeners.settings import ListenSettings
-from gateway.listeners.sockets import url
 
 ON_FAILURE_SILENT: Final = "no response instead of 06, 0A and 0B."
 

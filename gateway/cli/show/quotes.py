@@ -9,6 +9,7 @@ from gateway.cli.kit.paint import dim, red, yellow
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
 from gateway.config.problem import Problem
 from gateway.config.reading.excerpt import Excerpts
+from gateway.config.reading.positions import Positions
 from gateway.observe.printable import printable
 
 #: At least this many cells of a line are shown, and so many of them stand before the caret, in thirds.
@@ -18,10 +19,13 @@ _TAB: Final = "    "
 
 
 class Quotes:
-    """The lines of a config `file` with this text, and of other files that problems are in; `width` cells wide."""
+    """The lines of a config `file` with this text, and of other files that problems are in; `width` cells wide.
 
-    def __init__(self, file: str, text: str, width: int) -> None:
-        self._files = {file: Excerpts(text)}
+    `positions` are those in the text, if it is known to be TOML.
+    """
+
+    def __init__(self, file: str, text: str, width: int, positions: Positions | None = None) -> None:
+        self._files = {file: Excerpts(text, positions)}
         self._width = width
 
     def told(self, problem: Problem) -> str:

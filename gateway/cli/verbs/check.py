@@ -16,7 +16,6 @@ from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.machine.file_text import folder_of
 from gateway.config.machine.unit_class import unit_trouble
 from gateway.config.plan.settings import Plan
-from gateway.config.resolve import resolve
 from gateway.control.path import folder_of_control
 from gateway.readconfig.file_troubles import with_file_troubles
 
@@ -38,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
         return FINE
     with working(f"checking {args.config}"):
         loaded = _load_and_look(args.config)
-        plan = None if loaded.config is None else resolve(loaded.config)
+        plan = loaded.plan
         text = _told(loaded, plan, args)
     print(text)
     return PROBLEM_FOUND if plan is None else FINE
@@ -48,7 +47,7 @@ def _told(loaded: Loaded, plan: Plan | None, args: argparse.Namespace) -> str:
     folder = folder_of_control(Path(args.config), None if plan is None else plan.control)
     if args.json:
         return json.dumps(check_as_json(loaded, plan, folder), indent=2, ensure_ascii=False)
-    quotes = Quotes(args.config, loaded.text, shutil.get_terminal_size().columns)
+    quotes = Quotes(args.config, loaded.text, shutil.get_terminal_size().columns, loaded.positions)
     return check_as_text(loaded, plan, folder, quotes.told)
 
 

@@ -40,7 +40,6 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.clock.exact_loop import run_exactly
 from gateway.config.load import load
 from gateway.config.plan.settings import Plan
-from gateway.config.resolve import resolve
 from gateway.control.server import control_open
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
@@ -239,9 +238,9 @@ def _may_write(folder: Path) -> bool:
 def _plan(config: Path) -> tuple[Plan, str]:
     """Load the plan of a file, and its text."""
     loaded = load(config)
-    if loaded.config is None:
+    if loaded.plan is None:
         raise DemoError("\n".join(map(str, loaded.problems)))
-    return resolve(loaded.config), loaded.text
+    return loaded.plan, loaded.text
 
 
 @asynccontextmanager

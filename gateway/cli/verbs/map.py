@@ -14,7 +14,6 @@ from gateway.cli.show.register_map import RegisterMap, register_map, units_with_
 from gateway.config.load import load
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import did_you_mean, errors_in
-from gateway.config.resolve import resolve
 from gateway.errors import DaemonError
 
 
@@ -37,11 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the map of a unit; 1 if the config has errors, 2 if there is no such unit, or nothing is known of it."""
     loaded = load(args.config or DEFAULT_CONFIG)
-    if loaded.config is None:
+    if loaded.plan is None:
         print(*errors_in(loaded.problems), sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
     try:
-        found = _find(args.unit, resolve(loaded.config))
+        found = _find(args.unit, loaded.plan)
     except WrongUsageError as wrong:
         return tell_wrong_usage(wrong)
     if args.csv:

@@ -18,7 +18,6 @@ from gateway.config.load import load
 from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
 from gateway.config.reading.masking import secrets_in
-from gateway.config.resolve import resolve
 from gateway.control.path import folder_of_control
 from gateway.errors import ConfigError, DaemonError
 from gateway.operator.asked import ToSupport
@@ -105,7 +104,7 @@ def _ask_gateway(args: argparse.Namespace, bundle: Bundle, line: Progress) -> Pa
 def _check(config: Path) -> str:
     """Return what `check` says, without the advice what to write instead."""
     loaded = with_file_troubles(load(config, address_trouble), str(config))
-    plan = None if loaded.config is None else resolve(loaded.config)
+    plan = loaded.plan
     folder = folder_of_control(config, None if plan is None else plan.control)
     return check_as_text(replace(loaded, problems=without_advice(loaded.problems)), plan, folder) + "\n"
 

@@ -32,6 +32,7 @@ def _check_tables(
 ) -> Iterator[Problem]:
     """Check points of a `profile`; `others` are the points that a device has beside them."""
     tables = tuple(tables)
+    of_unit = (*others, *tables)
     for table in tables:
         if len(places_of(table)) != 1:
             what = "must have one of holding, input, coils and discrete"
@@ -45,7 +46,7 @@ def _check_tables(
             yield from check_place(table, area, addresses, profile, width)
             yield from check_reading(table, area, profile, width)
             yield from check_writing(table, area, addresses, profile, width)
-            yield from check_scale(table, area, addresses, (*others, *tables), profile)
+            yield from check_scale(table, area, addresses, of_unit, profile)
         yield from check_value(table, area)
 
 

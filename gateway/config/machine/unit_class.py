@@ -3,7 +3,6 @@
 import inspect
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import wait
 from contextlib import redirect_stdout
 from functools import partial
 from importlib import import_module, invalidate_caches
@@ -12,7 +11,6 @@ from traceback import extract_tb, format_exception_only
 from types import ModuleType
 from typing import Final, TypeVar
 
-from gateway.clock.threads import ThreadPerCall
 from gateway.config.problem import WrongValue, did_you_mean
 from gateway.images.custom_unit import CustomUnit
 
@@ -45,6 +43,10 @@ def in_time(python: str, call: Callable[[], T]) -> T:
     Raises:
         WrongValue: it takes longer; or what `call` raises.
     """
+    from concurrent.futures import wait  # noqa: PLC0415 - few configs name a class
+
+    from gateway.clock.threads import ThreadPerCall  # noqa: PLC0415
+
     outcome = ThreadPerCall(f"import {python}").submit(call)
     done, _ = wait([outcome], IMPORT_TIME)
     if not done:

@@ -26,6 +26,7 @@ class Maps:
     """
 
     def __init__(self, plan: Plan, of_devices: Iterable[DevicePoints], targets: tuple[MapTarget, ...]) -> None:
+        self.plan = plan
         self.targets = targets
         self.sources = map_sources(plan, of_devices) if targets else {}
 

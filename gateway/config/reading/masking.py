@@ -4,11 +4,11 @@ import re
 import tomllib
 from collections.abc import Iterator
 from difflib import get_close_matches
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 from gateway.config.problem import Path
-from gateway.config.reading.positions import find_scalars
+from gateway.config.reading.positions import Positions, Scalar
 from gateway.config.reading.toml_text import value_text
 
 MASK: Final = "•••"
@@ -39,7 +39,7 @@ def masked(text: str) -> str:
     """
     tomllib.loads(text)
     parts, at = list[str](), 0
-    for path, start, end in find_scalars(text):
+    for path, start, end in Positions(text).scalars:
         parts += [_without_comments(text[at:start]), _masked(path, text[start:end])]
         at = end
     return "".join([*parts, _without_comments(text[at:])])
@@ -60,7 +60,8 @@ def find_masks(value: object, path: Path = ()) -> Iterator[Path]:
 def secrets_in(text: str) -> set[str]:
     """List what `masked` hides, to hide it elsewhere too; of a text that is no TOML what looks like a secret."""
     try:
-        hidden = [text[start:end] for start, end in hidden_spans(text)]
+        tomllib.loads(text)
+        hidden = [text[start:end] for _, start, end in filter(partial(is_hidden, text), Positions(text).scalars)]
         values = [str(tomllib.loads(f"value = {written}")["value"]) for written in hidden]
     except (ValueError, RecursionError):
         return {found[2] for found in _LIKE_A_SECRET.finditer(text) if is_secret(found[1])}
@@ -68,17 +69,10 @@ def secrets_in(text: str) -> set[str]:
     return {part for each in (values, users, [user.rpartition(":")[2] for user in users]) for part in each if part}
 
 
-def hidden_spans(text: str) -> list[tuple[int, int]]:
-    """Find where what `masked` hides begins and ends.
-
-    Raises:
-        ValueError: it is no TOML, so where its secrets are is not known.
-        RecursionError: it is nested too deeply.
-    """
-    tomllib.loads(text)
-    return [
-        (start, end) for path, start, end in find_scalars(text) if _masked(path, text[start:end]) != text[start:end]
-    ]
+def is_hidden(text: str, value: Scalar) -> bool:
+    """Tell whether `masked` hides something of a value of this text."""
+    path, start, end = value
+    return _masked(path, text[start:end]) != text[start:end]
 
 
 @lru_cache(maxsize=1024)

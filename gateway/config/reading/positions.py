@@ -18,6 +18,16 @@ STRING = re.compile(
 )
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _SCALAR = re.compile(r"[^,\]}#\n]+")
+#: What most pairs are: a bare key, and text in a line or a word.
+_PAIR = re.compile(
+    r"([A-Za-z0-9_-]+)[ \t]*=[ \t]*"
+    r"""("(?:[^"\\\n]|\\.)*+"(?!")|'[^'\n]*+'(?!')|[A-Za-z0-9_.:+-]++)"""
+    r"[ \t]*(?=[,\]}#\r\n]|\Z)"
+)
+_BLANKS = frozenset(" \t\r\n#")
+
+#: A value that is neither a list nor a table: its path, its begin and its end.
+Scalar = tuple[Path, int, int]
 
 
 class Positions:
@@ -28,6 +38,8 @@ class Positions:
         scanner = _Scanner(text)
         scanner.document()
         self._keys, self._values = scanner.keys, scanner.values
+        #: All values that are neither lists nor tables, in their order.
+        self.scalars: Sequence[Scalar] = scanner.scalars
         self._line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
 
     def key(self, path: Path) -> tuple[int, int]:
@@ -60,13 +72,6 @@ class Positions:
         return line, offsets[path] - self._line_starts[line - 1] + 1
 
 
-def find_scalars(text: str) -> Sequence[tuple[Path, int, int]]:
-    """Find every value that is neither a list nor a table, in their order: its path, its begin and its end."""
-    scanner = _Scanner(text)
-    scanner.document()
-    return scanner.scalars
-
-
 class _Scanner:
     """Walks once over the text. It checks nothing: it relies on the text being valid."""
 
@@ -76,7 +81,7 @@ class _Scanner:
         self.keys: dict[Path, int] = {(): 0}
         self.values: dict[Path, int] = {(): 0}
         self.lengths: dict[Path, int] = {}
-        self.scalars: list[tuple[Path, int, int]] = []
+        self.scalars: list[Scalar] = []
 
     def document(self) -> None:
         table: Path = ()
@@ -109,6 +114,13 @@ class _Scanner:
         return path
 
     def pair(self, table: Path) -> Path:
+        match = _PAIR.match(self.text, self.at)
+        if match is not None:
+            path, begin, self.at = (*table, match[1]), match.start(2), match.end(2)
+            self.keys.setdefault(path, match.start())
+            self.values[path] = begin
+            self.scalars.append((path, begin, self.at))
+            return table
         path = table
         for part, start in self.key_parts():
             path += (part,)
@@ -165,9 +177,10 @@ class _Scanner:
             self.at += 1
 
     def skip_blank(self) -> int:
-        match = _BLANK.match(self.text, self.at)
-        assert match is not None  # noqa: S101 - it may be empty
-        self.at = match.end()
+        if self.text[self.at : self.at + 1] in _BLANKS:
+            match = _BLANK.match(self.text, self.at)
+            assert match is not None  # noqa: S101 - it may be empty
+            self.at = match.end()
         return self.at
 
     def note(self, path: Path, start: int) -> None:

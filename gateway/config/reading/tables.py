@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
+from functools import cache
 from pathlib import Path as FilePath
 from typing import Any, Final, TypeVar, get_origin
 
@@ -121,11 +122,10 @@ class TableReader:
 
     def _place(self, table: Table, path: Path) -> None:
         """Set the place of a table and of those inside it."""
-        keys = [type(table).model_fields[name].alias or name for name in table.model_fields_set]
-        table.placed(path, self._positions.place(path, self._file, keys))
-        for name, field in type(table).model_fields.items():
-            value = getattr(table, name)
-            key = field.alias or name
+        keys, inner = _layout(type(table))
+        table.placed(path, self._positions.place(path, self._file, map(keys.__getitem__, table.model_fields_set)))
+        for name in inner:
+            value, key = getattr(table, name), keys[name]
             if isinstance(value, Table):
                 self._place(value, (*path, key))
             elif isinstance(value, tuple):
@@ -136,6 +136,14 @@ class TableReader:
     def _complain(self, path: Path, what: str, remedy: str) -> None:
         self.failed.add(str(path[0]))
         self.problems.append(error(path, what, remedy))
+
+
+@cache
+def _layout(model: type[Table]) -> tuple[Mapping[str, str], tuple[str, ...]]:
+    """Find how the user writes each field of a table, and which of them have tables."""
+    fields = model.model_fields
+    inner = tuple(name for name, field in fields.items() if row_model(field.annotation) is not None)
+    return {name: field.alias or name for name, field in fields.items()}, inner
 
 
 def _without(wrong: ValidationError, raw: object) -> dict[str, Any] | None:

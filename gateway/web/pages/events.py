@@ -12,7 +12,7 @@ from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration
 from gateway.errors import Malformed, WrongQuestion
 from gateway.events import Level
-from gateway.listeners.sockets import split_host
+from gateway.listeners.hosts import split_host
 from gateway.observe.last_events import LastEvent
 from gateway.operator.answers.trouble import FULL, Trouble, worst_first
 from gateway.operator.asked import ToList

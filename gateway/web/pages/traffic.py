@@ -8,7 +8,7 @@ from urllib.parse import urlencode
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
-from gateway.listeners.sockets import split_host
+from gateway.listeners.hosts import split_host
 from gateway.operator.answers.trace import Fact
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.meanings import Points, points_of
