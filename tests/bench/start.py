@@ -1,9 +1,10 @@
-"""What it takes until the gateway is ready or has reloaded, and how much memory, beside what Python needs for nothing.
+"""What `check`, a start and a reload take, and how much memory, beside what Python needs for nothing.
 
     .venv/bin/python tests/bench/start.py [--busy 4]
 
-Eight lines, on virtual ports. Medians, and the longest time. The first start compiles Python's modules, as an installer
-does, and is left out. `CPU` is what counts on a busy machine; `--busy` adds programs in an endless loop to it.
+Eight lines on virtual ports, one of them alone, and with 10 000 points in 50 profiles. Medians, the longest time, and
+the least CPU time, with that of the process that reads the config. The first start compiles Python's modules, as an
+installer does, and is left out. `CPU` is what counts on a busy machine; `--busy` adds programs in an endless loop to it.
 """
 
 import argparse
@@ -15,6 +16,8 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 from threading import Timer
@@ -25,7 +28,8 @@ from scenarios import Scenario
 from used import cpu, resident
 
 LINES = Scenario(what="", clients=1, lines=8)
-HELP = [*GATEWAY[:-1], "--help"]
+PROFILES, POINTS = 50, 200
+HELP, CHECK = [*GATEWAY[:-1], "--help"], [*GATEWAY[:-1], "check"]
 #: Starts a program and tells what it took. The kernel counts the memory of whoever starts a program as that program's,
 #: so this one has loaded nothing.
 LAUNCHER = """
@@ -62,16 +66,18 @@ def until_ready(file: Path, environment: dict[str, str]) -> Start:
     """The gateway with this config, until it says that it is ready."""
     began = time.perf_counter()
     with _gateway(file, environment) as program:
-        return Start(time.perf_counter() - began, cpu(program.pid), resident(program.pid) / 1024)
+        return Start(time.perf_counter() - began, cpu(program.pid, with_children=True), resident(program.pid) / 1024)
 
 
 def until_applied(file: Path, environment: dict[str, str]) -> Start:
     """A reload, until it says that the config is applied; the memory is that after it."""
     with _gateway(file, environment) as program:
-        began, used = time.perf_counter(), cpu(program.pid)
+        began, used = time.perf_counter(), cpu(program.pid, with_children=True)
         program.send_signal(signal.SIGHUP)
         _wait_for("config_applied", program)
-        return Start(time.perf_counter() - began, cpu(program.pid) - used, resident(program.pid) / 1024)
+        return Start(
+            time.perf_counter() - began, cpu(program.pid, with_children=True) - used, resident(program.pid) / 1024
+        )
 
 
 @contextmanager
@@ -114,15 +120,20 @@ def main() -> None:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench.")))
         ttys = [_virtual_port(stack) for _ in range(LINES.lines)]
-        file = folder / "gateway.toml"
-        file.write_text(config(LINES, folder, ttys, port=0))
+        usual = config(LINES, folder, ttys, port=0)
+        alone = config(replace(LINES, lines=1, units="1"), folder, ttys[:1], port=0)
+        configs = {"8 lines": usual, "1 unit": alone, f"{PROFILES * POINTS} points": usual + _points()}
         environment = _environment(folder)
         kinds: dict[str, Callable[[], Start]] = {
             "Python and asyncio, nothing else": lambda: until_end(NOTHING, environment),
             "`--help`": lambda: until_end(HELP, environment),
-            "`run` until ready, 8 lines": lambda: until_ready(file, environment),
-            "a reload": lambda: until_applied(file, environment),
         }
+        for number, (name, text) in enumerate(configs.items()):
+            file = folder / f"{number}.toml"
+            file.write_text(text)
+            kinds[f"`check`, {name}"] = partial(until_end, [*CHECK, str(file)], environment)
+            kinds[f"`run` until ready, {name}"] = partial(until_ready, file, environment)
+            kinds[f"a reload, {name}"] = partial(until_applied, file, environment)
         for start in kinds.values():
             start()
         for _ in range(args.busy):
@@ -131,11 +142,21 @@ def main() -> None:
         for _ in range(args.rounds):
             for name, start in kinds.items():
                 starts[name].append(start())
-    print("| | ms | longest | CPU ms | MiB |\n|---|---:|---:|---:|---:|")
+    print("| | ms | longest | least CPU ms | MiB |\n|---|---:|---:|---:|---:|")
     for name, found in starts.items():
-        wall, cpu, memory = (median(figures) for figures in zip(*found, strict=True))
-        longest = max(start.wall for start in found)
-        print(f"| {name} | {wall * 1000:.0f} | {longest * 1000:.0f} | {cpu * 1000:.0f} | {memory:.1f} |")
+        wall, _, memory = (median(figures) for figures in zip(*found, strict=True))
+        longest, least = max(start.wall for start in found), min(start.cpu for start in found)
+        print(f"| {name} | {wall * 1000:.0f} | {longest * 1000:.0f} | {least * 1000:.0f} | {memory:.1f} |")
+
+
+def _points() -> str:
+    """Profiles with 10 000 points, and for each a device, on a line that has no port."""
+    text, devices = "", ""
+    for profile in range(PROFILES):
+        rows = "".join(f'  {{ name = "value-{n}", holding = {n}, unit = "V", scale = 0.1 }},\n' for n in range(POINTS))
+        text += f"[profile.kind-{profile}]\npoints = [\n{rows}]\n"
+        devices += f'{{ unit = {180 + profile}, name = "many-{profile}", profile = "kind-{profile}" }}, '
+    return f'{text}[[line]]\nport = "/dev/none"\ndevices = [{devices}]\n'
 
 
 def _virtual_port(stack: ExitStack) -> Path:
