@@ -4,13 +4,14 @@
     .venv/bin/python tests/bench/bench.py table                             those of docs/performance.md: 16 minutes
     .venv/bin/python tests/bench/bench.py ports8 line19200 --rounds 1
     .venv/bin/python tests/bench/bench.py table --before ../older           in turns with another checkout's gateway
+    sudo chrt -r 5 … latency19200 --busy 2 --under "chrt -o 0 nice -n -10"  beside busy programs, and not before them
     PYTHONPATH=. .venv/bin/python tests/bench/bench.py ports8 --before .    not compiled, in turns with compiled
     .venv/bin/python tests/bench/bench.py --list
 
 Needs a C compiler and Linux. Devices and load run on the first processor, what is measured on the second; with less, or
-with other work on the machine, only the ratios and `of line` mean something: what is compared was measured in
-turns. On a paced line there is a second relay, which wakes up for each byte. Ends with status 1 when an answer was
-wrong or an exception or did not come, or a line was not kept silent as long as it must be; a missed goal is only shown.
+with other work on the machine, only the ratios and `of line` mean something: what is compared was measured in turns.
+On a paced line there is a second relay, which wakes up for each byte. Ends with status 1 when an answer was wrong or an
+exception or did not come, or a line was not kept silent as long as it must be; a missed goal is only shown.
 
 What the columns are, and figures: docs/performance.md.
 """
@@ -24,11 +25,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from measure import FAULTS, Figures, run, together
-from programs import BenchError, compile_gateway, compile_into, gateway_of
+from programs import GATEWAY as OURS
+from programs import BenchError, Words, busy, compile_gateway, compile_into, gateway_of
 from scenarios import SCENARIOS, TABLE, Scenario
 
 #: What is measured in turns; `before` and the line itself only where they are asked for.
 GATEWAY, BEFORE, RELAY, EACH_BYTE, DIRECT = "gateway", "before", "relay", "relay, each byte", "the line itself"
+#: What measure.py calls them.
+AS = {RELAY: "relay", EACH_BYTE: "each-byte", DIRECT: "direct"}
 
 
 def _shown(figure: str, form: str) -> Callable[[Figures], str]:
@@ -61,8 +65,11 @@ def main() -> int:
         return 0
     compile_gateway(args.before)
     _allow_many_descriptors()
+    gateways = {GATEWAY: [*args.under.split(), *OURS]}
+    if args.before:
+        gateways[BEFORE] = gateway_of(args.before)
     failures = 0
-    with tempfile.TemporaryDirectory(prefix="bench.") as name:
+    with tempfile.TemporaryDirectory(prefix="bench.") as name, busy(args.busy):
         tools = Path(name)
         compile_into(tools)
         print("| scenario | |", " | ".join(COLUMNS), "| remarks |")
@@ -72,7 +79,7 @@ def main() -> int:
             if args.seconds:
                 scenario = replace(scenario, seconds=args.seconds)
             try:
-                found = _measure(scenario, tools, args.rounds, args.before)
+                found = _measure(scenario, tools, args.rounds, gateways)
             except BenchError as error:
                 print(f"| {title} | {error} |", flush=True)
                 failures += 1
@@ -84,15 +91,15 @@ def main() -> int:
     return 1 if failures else 0
 
 
-def _measure(scenario: Scenario, tools: Path, rounds: int, before: Path | None) -> dict[str, Figures]:
+def _measure(scenario: Scenario, tools: Path, rounds: int, gateways: dict[str, Words]) -> dict[str, Figures]:
     """The figures of all that is measured in turns, and how they compare."""
-    kinds = [GATEWAY, *[BEFORE] * bool(before), RELAY, *[EACH_BYTE] * bool(scenario.baud)]
+    kinds = [*gateways, RELAY, *[EACH_BYTE] * bool(scenario.baud)]
     kinds += [DIRECT] * scenario.has_direct
     runs: dict[str, list[Figures]] = {kind: [] for kind in kinds}
     for number in range(rounds):
         for kind in kinds if number % 2 else kinds[::-1]:
             asked = scenario.for_relay if kind in (RELAY, EACH_BYTE) else scenario
-            runs[kind].append(_run(asked, tools, kind, before))
+            runs[kind].append(run(asked, tools, AS.get(kind, "gateway"), program=gateways.get(kind, OURS)))
     found = {kind: together(each) for kind, each in runs.items()}
     for figures in found.values():
         figures["of_relay"] = figures["rate"] / found[RELAY]["rate"]
@@ -103,12 +110,6 @@ def _measure(scenario: Scenario, tools: Path, rounds: int, before: Path | None) 
         if DIRECT in found:
             figures["added"] = figures["p50"] - found[DIRECT]["p50"]
     return found
-
-
-def _run(scenario: Scenario, tools: Path, kind: str, before: Path | None) -> Figures:
-    if kind == BEFORE and before:
-        return run(scenario, tools, "gateway", program=gateway_of(before))
-    return run(scenario, tools, {RELAY: "relay", EACH_BYTE: "each-byte", DIRECT: "direct"}.get(kind, "gateway"))
 
 
 def _remarks(scenario: Scenario, kind: str, found: dict[str, Figures]) -> str:
@@ -148,6 +149,8 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--before", type=Path, metavar="FOLDER", help="a checkout whose gateway takes turns with this one"
     )
+    parser.add_argument("--busy", type=int, default=0, metavar="N", help="beside so many programs in an endless loop")
+    parser.add_argument("--under", default="", metavar="WORDS", help="words before the command of the gateway")
     parser.add_argument("--list", action="store_true", help="show the scenarios")
     args = parser.parse_args()
     args.scenarios = [name for each in args.scenarios for name in (TABLE if each == "table" else (each,))]

@@ -9,8 +9,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,18 @@ def start(command: Words, on: set[int], **more: Any) -> subprocess.Popen:
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
     return subprocess.Popen(command, text=True, preexec_fn=in_child, **more)  # noqa: PLW1509 - no threads
+
+
+@contextmanager
+def busy(number: int) -> Iterator[None]:
+    """So many programs in an endless loop, of ordinary priority, on all processors in turn."""
+    ours = sorted(os.sched_getaffinity(0))
+    with ExitStack() as stack:
+        for each in range(number):
+            program = start([sys.executable, "-I", "-S", "-c", "while True: pass"], {ours[each % len(ours)]})
+            os.sched_setscheduler(program.pid, os.SCHED_OTHER, os.sched_param(0))
+            stack.callback(end, program)
+        yield
 
 
 def end(program: subprocess.Popen) -> str:

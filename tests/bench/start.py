@@ -23,7 +23,7 @@ from statistics import median
 from threading import Timer
 from typing import NamedTuple
 
-from programs import GATEWAY, PATIENCE, compile_gateway, config
+from programs import GATEWAY, PATIENCE, busy, compile_gateway, config
 from scenarios import Scenario
 from used import cpu, resident
 
@@ -44,7 +44,6 @@ sys.exit(status != 0)
 #: A program with an event loop that does nothing.
 NOTHING = [sys.executable, "-c", "import asyncio; asyncio.run(asyncio.sleep(0))"]
 #: A program that does not stop.
-BUSY = [sys.executable, "-I", "-S", "-c", "while True: pass"]
 
 
 class Start(NamedTuple):
@@ -136,8 +135,7 @@ def main() -> None:
             kinds[f"a reload, {name}"] = partial(until_applied, file, environment)
         for start in kinds.values():
             start()
-        for _ in range(args.busy):
-            stack.callback(subprocess.Popen(BUSY).kill)
+        stack.enter_context(busy(args.busy))
         starts = {name: [] for name in kinds}
         for _ in range(args.rounds):
             for name, start in kinds.items():
