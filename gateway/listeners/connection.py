@@ -7,7 +7,9 @@ from math import inf
 from time import time as wall_clock
 from typing import Final, Protocol
 
+from gateway.clock.exact_loop import ExactLoop
 from gateway.clock.lazy_timer import LazyTimer
+from gateway.listeners.holds import Holds
 from gateway.listeners.sessions.mbap import MbapSession
 from gateway.listeners.sessions.over_tcp import OverTcpSession
 from gateway.listeners.sessions.session import Connection, Session
@@ -66,6 +68,7 @@ class ConnectionOwner(Protocol):
     """The listener that accepted a connection."""
 
     settings: ListenSettings
+    holds: Holds
 
     def connected(self, connection: "TcpConnection") -> None:
         """Count a new client."""
@@ -206,7 +209,11 @@ class TcpConnection(Connection):
     def resume(self) -> None:
         """Receive again, and process bytes that have already arrived."""
         # scheduled first: the session makes room for bytes that a transport already holds
-        asyncio.get_running_loop().call_soon(self._proceed)
+        loop = asyncio.get_running_loop()
+        if isinstance(loop, ExactLoop):
+            loop.wake_at(self.time(), self._proceed)
+        else:
+            loop.call_soon(self._proceed)
         self.stream.resume_reading()
 
     def wake(self, when: float | None) -> None:
@@ -217,7 +224,7 @@ class TcpConnection(Connection):
 
     def release_after(self, seconds: float) -> None:
         """Stop holding the client back after this many seconds."""
-        asyncio.get_running_loop().call_later(seconds, self._run, self.session.release)
+        self._listener.holds.add(seconds, self._release)
 
     def close(self, reason: str = "") -> None:
         """Close once queued bytes are sent, or after the deadline for that. Awaited responses are dropped."""
@@ -266,6 +273,9 @@ class TcpConnection(Connection):
         self._reason = reason or self._reason
         self.session.closed()
         self._listener.closing(self)
+
+    def _release(self) -> None:
+        self._run(self.session.release)
 
     def _proceed(self) -> None:
         if not self.session.gone:

@@ -10,6 +10,7 @@ from gateway.listeners.accepting import Acceptor
 from gateway.listeners.admission import MADE_ROOM, NOT_MEANT, Admission
 from gateway.listeners.client_counts import ClientCounts
 from gateway.listeners.connection import TcpConnection
+from gateway.listeners.holds import Holds
 from gateway.listeners.hosts import join_host_port, show_host, split_host
 from gateway.listeners.sessions.arrivals import LOOK_STEP
 from gateway.listeners.settings import ListenSettings
@@ -60,6 +61,7 @@ class TcpListener:
         self._sweeping: asyncio.TimerHandle | None = None
         #: Reads clients whose requests count from their arrival, while there are any.
         self._looking: LazyTimer | None = None
+        self.holds = Holds()
         self._will_look = False
 
     @property
@@ -134,6 +136,7 @@ class TcpListener:
             self._sweeping.cancel()
         if self._looking is not None:
             self._looking.close()
+        self.holds.close()
         for connection in [*self.connections, *self._closing]:
             connection.abort("the gateway is stopping")
 

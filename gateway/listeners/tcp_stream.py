@@ -7,6 +7,7 @@ import asyncio
 import socket
 from typing import Final
 
+from gateway.clock.exact_loop import ExactLoop
 from gateway.clock.system_calls import read_into, write
 from gateway.listeners.connection import TcpConnection
 
@@ -27,7 +28,10 @@ class TcpStream:
         self._unsent = bytearray()
         self._limit = 0
         self._is_blocked = False
+        #: Whether it receives, and whether the loop watches the socket: for a pause, an exact loop only ignores it.
         self._is_reading = False
+        self._is_known = False
+        self._mask = loop.mask if isinstance(loop, ExactLoop) else None
         self._has_peer_ended = False
         self._is_closing = False
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -42,15 +46,21 @@ class TcpStream:
 
     def pause_reading(self) -> None:
         """Receive nothing until `resume_reading`."""
-        if self._is_reading:
+        if self._is_reading and self._mask is not None:
             self._is_reading = False
-            self._loop.remove_reader(self._socket)
+            self._mask(self._descriptor, is_masked=True)
+        elif self._is_reading:
+            self._forget()
 
     def resume_reading(self) -> None:
         """Receive again."""
         if not (self._is_reading or self._has_peer_ended or self._is_closing):
             self._is_reading = True
-            self._loop.add_reader(self._socket, self._receive)
+            if self._is_known and self._mask is not None:
+                self._mask(self._descriptor, is_masked=False)
+            else:
+                self._is_known = True
+                self._loop.add_reader(self._socket, self._receive)
 
     def receive(self, room: memoryview) -> int:
         """Copy received bytes into `room`. Return their number. The end of the stream is left to the loop."""
@@ -83,7 +93,7 @@ class TcpStream:
         if self._is_closing:
             return
         self._is_closing = True
-        self.pause_reading()
+        self._forget()
         if not self._unsent:
             self._loop.call_soon(self._end, None)
 
@@ -94,6 +104,9 @@ class TcpStream:
     def _receive(self) -> None:
         user = self._user
         if user is None:
+            return
+        if not self._is_reading:  # masked, and lost: `resume_reading` has the loop tell again
+            self._forget()
             return
         room = user.get_buffer()
         if not len(room):
@@ -109,8 +122,15 @@ class TcpStream:
         if count < 0:
             return  # nothing yet, all the same
         self._has_peer_ended = True
-        self.pause_reading()
+        self._forget()
         user.eof_received()
+
+    def _forget(self) -> None:
+        """Receive nothing, and have the loop watch the socket no more."""
+        self._is_reading = False
+        if self._is_known:
+            self._is_known = False
+            self._loop.remove_reader(self._socket)
 
     def _keep(self, data: bytes) -> None:
         """Keep `data` until the client reads."""
@@ -138,7 +158,7 @@ class TcpStream:
         if self._user is None:
             return  # another connection may have the descriptor
         self._is_closing = True
-        self.pause_reading()
+        self._forget()
         if self._unsent:
             self._unsent.clear()
             self._loop.remove_writer(self._socket)

@@ -10,6 +10,7 @@ import pytest
 
 from gateway.errors import QueueFull
 from gateway.listeners.connection import UNSENT_BYTES, TcpConnection, most_unsent
+from gateway.listeners.holds import Holds
 from gateway.listeners.settings import ListenSettings
 from gateway.listeners.tcp_stream import TcpStream
 from gateway.modbus.mbap import encode
@@ -77,6 +78,7 @@ class Listener:
 
     def __init__(self, in_flight):
         self.settings = ListenSettings("scada", "127.0.0.1", 0, in_flight=in_flight)
+        self.holds = Holds()
         self.failures = []
         self.reasons = []
         self.left = []

@@ -105,7 +105,7 @@ class Connection:
 
     @abstractmethod
     def release_after(self, seconds: float) -> None:
-        """Call `release` after this many seconds."""
+        """Call `release` after this many seconds, or later if many are held back."""
 
     @abstractmethod
     def close(self) -> None:
