@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from math import inf
 
 from gateway.clock.exact_loop import ExactLoop
@@ -16,10 +17,11 @@ class LazyTimer:
 
     __slots__ = ("_call_at", "_callback", "_calls", "_deadline", "_time")
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None]) -> None:
-        self._call_at: Callable[[float, Callable[[], None]], object] = (
-            loop.wake_at if isinstance(loop, ExactLoop) else loop.call_at
-        )
+    def __init__(self, loop: asyncio.AbstractEventLoop, callback: Callable[[], None], *, first: bool = False) -> None:
+        """One that is `first` comes before what is ready: see `Waiter.wake_at`."""
+        self._call_at: Callable[[float, Callable[[], None]], object] = loop.call_at
+        if isinstance(loop, ExactLoop):
+            self._call_at = partial(loop.wake_at, first=True) if first else loop.wake_at
         self._time = loop.time
         self._callback: Callable[[], None] | None = callback
         self._deadline = inf

@@ -74,8 +74,9 @@ class Waiter:
         #: By descriptor; and those whose events may have to be changed before the next wait.
         self._interests: dict[int, Interest] = {}
         self._changed: list[Interest] = []
-        #: Times and callbacks; the number between them keeps the order of equal times.
-        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        #: Times and callbacks; the number between them keeps the order of equal times. And whether they come before
+        #: descriptors that are ready.
+        self._due: list[tuple[float, int, Callable[[], None], bool]] = []
         self._number = 0
         self._ends_at = 0.0
         #: Whether callbacks are added to `ready` instead of called, because others are there already.
@@ -100,10 +101,13 @@ class Waiter:
             if self.ready or self._ends_at <= now:
                 return []
 
-    def wake_at(self, when: float, callback: Callable[[], None]) -> None:
-        """Call `callback` at `when`. This costs much less than a timer of the loop, and cannot be cancelled."""
+    def wake_at(self, when: float, callback: Callable[[], None], *, first: bool = False) -> None:
+        """Call `callback` at `when`. This costs much less than a timer of the loop, and cannot be cancelled.
+
+        One that is `first` does not wait for what is ready at that time: it must see itself what has arrived.
+        """
         self._number += 1
-        heappush(self._due, (when, self._number, callback))
+        heappush(self._due, (when, self._number, callback, first))
 
     def end_by(self, when: float) -> None:
         """End the wait at `when` at the latest: the loop has a new timer."""
@@ -171,6 +175,8 @@ class Waiter:
                 self._call_unless_over(interest.reader)
             if interest.writer is not None and events & ~_READABLE:
                 self._call_unless_over(interest.writer)
+            if at + 2 < len(found) and self._due and self._due[0][3] and not self._is_behind:
+                self._call_first(_now())
 
     def _call_unless_over(self, callback: Callback) -> None:
         """Call it unless another one has just ended it. If others must be called first, leave it to the loop."""
@@ -178,6 +184,11 @@ class Waiter:
             self.ready.append(callback.handle)
         elif not callback.is_over:
             self._call(callback.call)
+
+    def _call_first(self, now: float) -> None:
+        """Call what is due and does not wait for ready descriptors."""
+        while self._due and self._due[0][0] <= now and self._due[0][3]:
+            self._call(heappop(self._due)[2])
 
     def _call_due(self, now: float) -> None:
         """Call what is due, but not yet what these calls add: ready descriptors come first."""

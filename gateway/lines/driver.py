@@ -32,7 +32,8 @@ class LineDriver(TakesTransactions):
     """Passes bytes, time and requests to `line`; the PortOwner of the line's port.
 
     `rate_changed` is called with a new rate of the line, at which the port is opened from then on. `wire` is `auto`
-    until the port has been open. With a `permission` nothing is written unless it allows that.
+    until the port has been open. With a `permission` nothing is written unless it allows that. From a port that
+    `reads_at_once`, `read_now` gets all that has arrived.
 
     An unexpected error is contained here: it is logged, all requests of the line fail, and the port is closed and
     reopened.
@@ -45,6 +46,8 @@ class LineDriver(TakesTransactions):
         emit: Emit,
         rate_changed: Callable[[int], None],
         permission: Permission | None = None,
+        *,
+        reads_at_once: bool = False,
     ) -> None:
         self.line = line
         self.wire: Wire = line.settings.wire
@@ -59,7 +62,9 @@ class LineDriver(TakesTransactions):
         self._permission = permission
         if permission is not None:
             line.share(permission.may_send, permission.heard_other)
-        self._boundary = ErrorBoundary(name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down)
+        self._boundary = ErrorBoundary(
+            name, loop, emit, deadline=self._deadline, tick=self._tick, down=self._down, reads_first=reads_at_once
+        )
 
     def submit(self, transaction: Transaction, now: float) -> None:
         """Take over a transaction. Bytes that wait in the port came before it, and are read first."""

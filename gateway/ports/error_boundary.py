@@ -25,14 +25,16 @@ class ErrorBoundary:
         deadline: Callable[[], float | None],
         tick: Callable[[], None],
         down: Callable[[], None],
+        reads_first: bool = False,
     ) -> None:
+        """A `tick` that reads the port before all else need not wait until what is ready has been read."""
         self.port: Port | None = None
         self._part = part
         self._emit = emit
         self._deadline = deadline
         self._tick = tick
         self._down = down
-        self._timer = LazyTimer(loop, self.wake)
+        self._timer = LazyTimer(loop, self.wake, first=reads_first)
 
     def run(self, step: Callable[..., None], *arguments: Any) -> None:
         """Run one step. After an unexpected error of it, fail all requests and close the port."""

@@ -68,7 +68,14 @@ class GatewayLine:
         settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
         #: Holds the lease of the line, if it has one.
         self.standby = None if plan.lease is None or buckets is None else self._standby(plan, buckets)
-        self.driver = LineDriver(Line(settings, emit, ring), loop, emit, self._port.rate_changed, self.standby)
+        self.driver = LineDriver(
+            Line(settings, emit, ring),
+            loop,
+            emit,
+            self._port.rate_changed,
+            self.standby,
+            reads_at_once=isinstance(plan.port, SerialSettings),
+        )
         self.reconnector = Reconnector(
             name,
             plan.port.port,

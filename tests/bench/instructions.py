@@ -35,7 +35,7 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -80,7 +80,7 @@ class Way:
     """
 
     what: str
-    units: range
+    units: Sequence[int]
     lines: Scenario
     clients: int = 1
     in_flight: int = IN_FLIGHT

@@ -439,6 +439,27 @@ async def test_a_callback_that_another_one_has_removed_is_not_called() -> None:
     close_all(pairs)
 
 
+@pytest.mark.parametrize(("first", "order"), [(True, ["ready", "due", "ready"]), (False, ["ready", "ready", "due"])])
+async def test_what_is_due_while_something_is_ready_comes_next_if_it_is_to_be_first(first: bool, order: list) -> None:
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, ExactLoop)
+    called: list[str] = []
+
+    def read(near: socket.socket) -> None:
+        loop.remove_reader(near)
+        called.append("ready")
+        if len(called) == 1:
+            loop.wake_at(loop.time(), partial(called.append, "due"), first=first)
+
+    pairs = [socket.socketpair() for _ in range(2)]
+    for near, far in pairs:
+        far.send(b"x")
+        loop.add_reader(near, read, near)
+    await asyncio.sleep(0.01)
+    assert called == order
+    close_all(pairs)
+
+
 async def test_an_error_in_a_callback_is_reported_and_the_others_are_called() -> None:
     loop = asyncio.get_running_loop()
     pairs = [socket.socketpair() for _ in range(2)]

@@ -1,0 +1,158 @@
+"""The rows of `growth.py` that are parts of the gateway: it runs this under valgrind, with a counter to begin and end.
+
+`make` of a row builds one of a size, and returns the step. For figures that do not depend on the machine no step waits,
+and each has as much to do as the one before.
+"""
+
+import asyncio
+import ctypes
+import sys
+from collections.abc import Callable
+from itertools import cycle
+
+from gateway.config.load import parse
+from gateway.config.resolve import resolve
+from gateway.events import Emit, Event
+from gateway.listeners.sessions.mbap import MbapSession
+from gateway.modbus import mbap
+from gateway.observe.backlog import Backlog, entry_of
+from gateway.observe.fan_out import FanOut
+from gateway.request import Caller
+from gateway.runtime.gateway import Gateway
+from gateway.runtime.running import Running
+
+#: Steps that do not count, and those that do.
+BEFORE, STEPS = 100, 400
+UNIT = 17
+READ = bytes((3, 0, 16, 0, 10))
+CONFIG = """
+[[listen]]
+bind = "tcp://127.0.0.1:1502"
+in_flight = 20
+
+[[line]]
+name = "line"
+port = "/dev/ttyS0"
+format = "8N1"
+gap = "0"
+"""
+#: How many requests each client has in a full queue.
+EACH = 16
+
+Step = Callable[[], object]
+
+
+class Client:
+    """A client of a host of its own, from the bytes of its requests to those of its answers."""
+
+    def __init__(self, gateway: Gateway, number: int) -> None:
+        host = f"127.0.{number // 250}.{number % 250 + 1}"
+        listener = gateway.listeners[0]
+        self.time = asyncio.get_running_loop().time
+        self._number = 0
+        self.answers = 0
+        caller = Caller(f"{host}:1", host, host)
+        settings = listener.settings
+        self.session = MbapSession(caller, router=listener.router, connection=self, settings=settings, now=self.time())
+
+    def ask(self) -> None:
+        """One request more, even if the last one was refused."""
+        self.session.release()
+        self._number = self._number + 1 & 0xFFFF
+        adu = mbap.encode(self._number, UNIT, READ)
+        self.session.room()[: len(adu)] = adu
+        self.session.received(len(adu), self.time())
+
+    def leave(self) -> None:
+        """Close the connection."""
+        self.session.closed()
+
+    def send(self, data: bytes) -> None:
+        self.answers += 1
+
+    def receive(self, room: memoryview) -> int:
+        return 0
+
+    def release_after(self, seconds: float) -> None:
+        """It asks when it likes."""
+
+    def pause(self) -> None:
+        """It does not ask while it is not read."""
+
+    resume = pause
+
+    def wake(self, when: float | None) -> None:
+        """Nothing has come that was not read."""
+
+
+class FullLine:
+    """A line that does not answer, and for which so many requests wait as may."""
+
+    is_virtual = True
+    has_arrived = None
+    latency = 0.0
+
+    def __init__(self, size: int) -> None:
+        backlog = Backlog()
+
+        def log(event: Event) -> None:
+            backlog.add(entry_of(event))
+
+        self._gateway = running(f'{CONFIG}queue = {size}\nmax_wait = "1 h"\n', FanOut(log).emit)
+        self._gateway.lines[0].driver.port_up(self)
+        clients = [Client(self._gateway, number) for number in range(size // EACH + 1)]
+        for client in [clients[0], *clients[1:] * EACH]:
+            client.ask()
+        self._greedy = cycle(clients[1:])
+
+    def write(self, data: bytes) -> None:
+        """The request on the line, which is not answered."""
+
+    def read_now(self) -> None:
+        """Nothing stands unread on the line."""
+
+    def is_refused(self) -> None:
+        """One of those with most asks for more."""
+        client = next(self._greedy)
+        before = client.answers
+        client.ask()
+        if client.answers == before:
+            raise AssertionError("not refused")
+
+    def makes_another_lose(self) -> None:
+        """Somebody asks, for whom another one loses a request; and leaves, so that that one can ask again."""
+        newcomer = Client(self._gateway, 60_000)
+        newcomer.ask()
+        newcomer.leave()
+        next(self._greedy).ask()
+
+
+def running(config: str, emit: Emit) -> Gateway:
+    """A gateway with this config."""
+    plan = resolve(parse(config, port_trouble=lambda _: None, real_path=lambda port: port).config)
+    return Running(plan, lambda _: None, emit).gateway
+
+
+#: By name, what makes the step at a size.
+ROWS: dict[str, Callable[[int], Step]] = {
+    "refusal": lambda size: FullLine(size).is_refused,
+    "loss": lambda size: FullLine(size).makes_another_lose,
+}
+
+
+async def main(counter: str, row: str, *sizes: str) -> None:
+    """Take the steps of a row at each size; print how many of them count."""
+    library = ctypes.CDLL(counter)
+    for size in sizes:
+        step = ROWS[row](int(size))
+        for _ in range(BEFORE):
+            step()
+        library.begin_counting()
+        for _ in range(STEPS):
+            step()
+        library.end_counting()
+    print(STEPS)
+
+
+if __name__ == "__main__":
+    asyncio.run(main(*sys.argv[1:]))
