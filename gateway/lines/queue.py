@@ -11,7 +11,7 @@
   its request.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from heapq import heapify, heappop, heappush, heapreplace
 from itertools import chain, count
 from math import inf
@@ -48,11 +48,14 @@ class Crowd:
         if self._entries:
             heappush(self._entries, self._entry(row))
 
-    def greediest(self, rows: Iterable[Row]) -> Row | None:
-        """Return the row that loses a request, of all `rows`. Repeats are not lost: 06 means that nothing was sent."""
+    def greediest(self, rows: Callable[[], Iterable[Row]]) -> Row | None:
+        """Return the row that loses a request, of all `rows`. Repeats are not lost: 06 means that nothing was sent.
+
+        To ask for the rows costs as much as there are, even as an iterator: compiled, it is made of a list.
+        """
         entries = self._entries
         if not entries:
-            entries.extend(map(self._entry, rows))
+            entries.extend(map(self._entry, rows()))
             heapify(entries)
         while entries:
             row = entries[0][-1]
@@ -301,7 +304,7 @@ class WaitingQueue:
             self._drop_unwanted(self._given_up.popitem()[0])
         if len(self) < self._size:
             return None
-        row = self._crowd.greediest(self._rows())
+        row = self._crowd.greediest(self._rows)
         of_client, of_address = self._clients_of(newcomer).waiting_of(newcomer.requests[0].caller)
         newest = None if row is None else row.newest
         if row is None or newest is None or (row.waiting, row.address.waiting) <= (of_client + 1, of_address + 1):

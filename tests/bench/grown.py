@@ -21,8 +21,8 @@ from gateway.request import Caller
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 
-#: Steps that do not count, and those that do.
-BEFORE, STEPS = 100, 400
+#: Steps that do not count, until events have been told so often that they are only counted; and those that do.
+BEFORE, STEPS = 1000, 400
 UNIT = 17
 READ = bytes((3, 0, 16, 0, 10))
 CONFIG = """
