@@ -186,8 +186,9 @@ class Waiter:
             self._call(callback.call)
 
     def _call_first(self, now: float) -> None:
-        """Call what is due and does not wait for ready descriptors."""
-        while self._due and self._due[0][0] <= now and self._due[0][3]:
+        """Call what is due and does not wait for ready descriptors, but not yet what these calls add."""
+        last = self._number
+        while self._due and self._due[0][0] <= now and self._due[0][1] <= last and self._due[0][3]:
             self._call(heappop(self._due)[2])
 
     def _call_due(self, now: float) -> None:
