@@ -205,6 +205,19 @@ async def test_nothing_is_received_before_somebody_asks_for_it(ends, user):
     await until(lambda: user.losses == [None])
 
 
+async def test_a_pause_in_which_the_connection_is_lost_keeps_nobody_busy_and_it_is_told_after_it(stream, client, user):
+    watched = asyncio.get_running_loop()._selector.get_map()
+    descriptor = stream._descriptor
+    stream.pause_reading()
+    assert descriptor in watched
+    reset(client)
+    await until(lambda: descriptor not in watched)
+    assert user.losses == []
+    stream.resume_reading()
+    await until(lambda: user.losses)
+    assert isinstance(user.losses[0], ConnectionResetError)
+
+
 async def test_what_has_arrived_can_be_taken_at_once(stream, client, user):
     stream.pause_reading()
     room = memoryview(bytearray(10))

@@ -1,0 +1,41 @@
+"""Clients that were refused are read again one by one: in virtual time."""
+
+import asyncio
+
+from gateway.listeners.holds import SPACING, Holds
+
+
+def released(holds: Holds, seconds: float, times: list[float]) -> None:
+    loop = asyncio.get_running_loop()
+    holds.add(seconds, lambda: times.append(loop.time()))
+
+
+async def test_one_is_released_after_its_time_and_all_together_one_by_one() -> None:
+    holds, alone, times = Holds(), [], []
+    start = asyncio.get_running_loop().time()
+    released(holds, 0.128, alone)
+    await asyncio.sleep(1.0)
+    assert alone == [start + 0.128]
+    for _ in range(300):
+        released(holds, 0.002, times)
+    await asyncio.sleep(1.0)
+    assert len(times) == 300
+    assert min(later - earlier for earlier, later in zip(times, times[1:], strict=False)) > 0.9 * SPACING
+    assert times[-1] - start - 1.0 < 310 * SPACING
+
+
+async def test_who_waits_for_a_shorter_time_is_released_before_who_has_come_earlier() -> None:
+    holds, order = Holds(), []
+    for name, seconds in (("long", 0.128), ("short", 0.002)):
+        holds.add(seconds, lambda name=name: order.append(name))
+    await asyncio.sleep(1.0)
+    assert order == ["short", "long"]
+
+
+async def test_nobody_is_released_once_the_listener_is_closed() -> None:
+    holds, times = Holds(), []
+    for _ in range(2):
+        released(holds, 0.002, times)
+    holds.close()
+    await asyncio.sleep(1.0)
+    assert times == []
