@@ -14,7 +14,7 @@ from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.events import Emit, Event
 from gateway.listeners.sessions.mbap import MbapSession
-from gateway.modbus import mbap
+from gateway.modbus import mbap, rtu
 from gateway.observe.backlog import Backlog, entry_of
 from gateway.observe.fan_out import FanOut
 from gateway.request import Caller
@@ -35,6 +35,7 @@ name = "line"
 port = "/dev/ttyS0"
 format = "8N1"
 gap = "0"
+coalesce = false
 """
 #: How many requests each client has in a full queue.
 EACH = 16
@@ -85,31 +86,40 @@ class Client:
         """Nothing has come that was not read."""
 
 
-class FullLine:
-    """A line that does not answer, and for which so many requests wait as may."""
+class Line:
+    """A line, and its clients. Its device answers when it is told to."""
 
     is_virtual = True
     has_arrived = None
     latency = 0.0
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, queue: int, clients: int) -> None:
         backlog = Backlog()
 
         def log(event: Event) -> None:
             backlog.add(entry_of(event))
 
-        self._gateway = running(f'{CONFIG}queue = {size}\nmax_wait = "1 h"\n', FanOut(log).emit)
-        self._gateway.lines[0].driver.port_up(self)
-        clients = [Client(self._gateway, number) for number in range(size // EACH + 1)]
-        for client in [clients[0], *clients[1:] * EACH]:
-            client.ask()
-        self._greedy = cycle(clients[1:])
+        self.gateway = running(f'{CONFIG}queue = {queue}\nmax_wait = "1 h"\n', FanOut(log).emit)
+        self.driver = self.gateway.lines[0].driver
+        self.driver.port_up(self)
+        self.clients = [Client(self.gateway, number) for number in range(clients)]
 
     def write(self, data: bytes) -> None:
-        """The request on the line, which is not answered."""
+        """Its devices hear it."""
 
     def read_now(self) -> None:
         """Nothing stands unread on the line."""
+
+
+class FullLine(Line):
+    """One whose device does not answer, and for which so many requests wait as may."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__(size, size // EACH + 1)
+        first, *others = self.clients
+        for client in [first, *others * EACH]:
+            client.ask()
+        self._greedy = cycle(others)
 
     def is_refused(self) -> None:
         """One of those with most asks for more."""
@@ -121,10 +131,30 @@ class FullLine:
 
     def makes_another_lose(self) -> None:
         """Somebody asks, for whom another one loses a request; and leaves, so that that one can ask again."""
-        newcomer = Client(self._gateway, 60_000)
+        newcomer = Client(self.gateway, 60_000)
         newcomer.ask()
         newcomer.leave()
         next(self._greedy).ask()
+
+
+class BusyLine(Line):
+    """One for which a request of each client waits, but that of the one whose turn it is."""
+
+    def __init__(self, clients: int) -> None:
+        super().__init__(clients, clients)
+        for client in self.clients:
+            client.ask()
+        self._turns = cycle(self.clients)
+        self._answer = rtu.encode(UNIT, bytes((3, 20)) + bytes(20))
+
+    def answers(self) -> None:
+        """A client gets its answer, and asks again."""
+        client = next(self._turns)
+        before = client.answers
+        self.driver.received(self._answer)
+        if client.answers == before:
+            raise AssertionError("not answered")
+        client.ask()
 
 
 def running(config: str, emit: Emit) -> Gateway:
@@ -137,6 +167,7 @@ def running(config: str, emit: Emit) -> Gateway:
 ROWS: dict[str, Callable[[int], Step]] = {
     "refusal": lambda size: FullLine(size).is_refused,
     "loss": lambda size: FullLine(size).makes_another_lose,
+    "clients": lambda size: BusyLine(size).answers,
 }
 
 

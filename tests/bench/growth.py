@@ -39,9 +39,10 @@ Figures = dict[int, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A step at some `sizes`; its bound is checked at those of `check`. `measure` gives the figures, in `unit`."""
+    """A step at some `sizes`, which count `of`; its bound is checked at those of `check`. `measure` gives `unit`s."""
 
     what: str
+    of: str
     sizes: tuple[int, ...]
     measure: Callable[[str, tuple[int, ...]], Figures]
     check: tuple[int, ...] = ()
@@ -114,14 +115,21 @@ def _least_time(file: Path, config: str) -> float:
 
 ROWS = {
     "refusal": Row(
-        what="a refusal; so many wait",
+        what="a refusal",
+        of="requests in the queue",
         sizes=(64, 256, 1024, 4096, 10_000),
         measure=counted,
         check=(64, 1024),
     ),
-    "loss": Row(what="a request for which another one loses its place", sizes=(64, 1024, 10_000), measure=counted),
-    "lines": Row(what="an answer; so many lines", sizes=(8, 16, 32, 64), measure=lines),
-    "check": Row(what="`check`; so many points", sizes=(0, 100, 1000, 10_000), measure=check, unit="s"),
+    "loss": Row(
+        what="a request for which another one is refused",
+        of="requests in the queue",
+        sizes=(64, 256, 1024, 4096, 10_000),
+        measure=counted,
+    ),
+    "clients": Row(what="an answer", of="clients of a line", sizes=(8, 64, 512, 2000), measure=counted),
+    "lines": Row(what="an answer", of="lines that are not paced", sizes=(8, 16, 32, 64), measure=lines),
+    "check": Row(what="`check`", of="points", sizes=(0, 100, 1000, 10_000), measure=check, unit="s"),
 }
 
 
@@ -134,7 +142,7 @@ def main() -> int:
     names = args.rows or [name for name, row in ROWS.items() if row.check or not args.check]
     found = {}
     exceeded = False
-    print("| step | size: cost |\n|---|---|")
+    print("| step | of | size: cost |\n|---|---|---|")
     for name in names:
         row = ROWS[name]
         figures = found[name] = row.measure(name, row.check if args.check else row.sizes)
@@ -142,7 +150,7 @@ def main() -> int:
             f"{size}: {figure:.4g}" if row.unit == "s" else f"{size}: {figure:.0f}" for size, figure in figures.items()
         )
         bound = bounds.get(name)
-        print(f"| {row.what} | {cells} {row.unit}{f'; bound {bound}' if bound else ''} |", flush=True)
+        print(f"| {row.what} | {row.of} | {cells} {row.unit}{f'; bound {bound}' if bound else ''} |", flush=True)
         exceeded |= bool(bound) and max(figures.values()) > bound * (1 + TOLERANCE)
     if args.json:
         args.json.write_text(json.dumps(_as_json(found), indent=1) + "\n")
@@ -154,10 +162,11 @@ def main() -> int:
     return 1 if exceeded else 0
 
 
-def _as_json(found: dict[str, Figures]) -> dict[str, object]:
-    return {
-        name: {"what": ROWS[name].what, "unit": ROWS[name].unit, "figures": figures} for name, figures in found.items()
-    }
+def _as_json(found: dict[str, Figures]) -> list[dict[str, object]]:
+    return [
+        {"name": row.what, "size": row.of, "unit": row.unit, "costs": figures}
+        for row, figures in ((ROWS[name], figures) for name, figures in found.items())
+    ]
 
 
 def _arguments() -> argparse.Namespace:
