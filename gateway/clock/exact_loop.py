@@ -78,7 +78,7 @@ class ExactSelector(selectors.EpollSelector):
 
 
 class ExactLoop(asyncio.SelectorEventLoop):
-    """An event loop on an ExactSelector. `mask` and `wake_at`: see Waiter."""
+    """An event loop on an ExactSelector. `mask`, `unmask` and `wake_at`: see Waiter."""
 
     time = staticmethod(monotonic)
 
@@ -89,6 +89,7 @@ class ExactLoop(asyncio.SelectorEventLoop):
         self._waiter.call_soon = self.call_soon
         self._waiter.failed = self._callback_failed
         self.mask = self._waiter.mask
+        self.unmask = self._waiter.unmask
         self.wake_at = self._waiter.wake_at
 
     def call_at(

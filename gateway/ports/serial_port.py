@@ -47,8 +47,9 @@ class SerialPort:
         self._descriptor: int = device.serial.fileno()
         self._received = MarkedInput(user.received).received if device.serial.checks_parity else user.received
         self._transport = PortTransport(loop, device, user, self._read_ready, self._send)
-        #: Makes the loop ignore the port for a while; None if the port must be removed from it.
+        #: Make the loop ignore the port for a while; None if the port must be removed from it.
         self._mask = loop.mask if isinstance(loop, ExactLoop) else None
+        self._unmask = loop.unmask if isinstance(loop, ExactLoop) else None
         self._is_paused = False
         #: Whether the transport may hold unsent bytes.
         self._is_behind = False
@@ -78,7 +79,7 @@ class SerialPort:
         if not self._is_paused and self._transport._has_reader:  # noqa: SLF001
             self._is_paused = True
             if self._mask is not None:
-                self._mask(self._descriptor, is_masked=True)
+                self._mask(self._descriptor)
             else:
                 self._transport.pause_reading()
         return True
@@ -89,8 +90,8 @@ class SerialPort:
             return
         if self._is_paused:
             self._is_paused = False
-            if self._mask is not None:
-                self._mask(self._descriptor, is_masked=False)
+            if self._unmask is not None:
+                self._unmask(self._descriptor)
             else:
                 self._transport.resume_reading()
         for _ in range(PIECES_OF_A_TERMINAL):
