@@ -4,7 +4,7 @@
 
 Eight lines on virtual ports, one of them alone, and with 10 000 points in 50 profiles. Medians, the longest time, and
 the least CPU time, with that of the process that reads the config. The first start compiles Python's modules, as an
-installer does, and is left out. `CPU` is what counts on a busy machine; `--busy` adds programs in an endless loop to it.
+installer does, and is left out. `CPU` is what counts on a busy machine; `--busy` adds programs in endless loops.
 """
 
 import argparse
