@@ -49,13 +49,13 @@ case " $* " in *" {failing} "*) echo "FAILED $*"; exit 1 ;; esac
 #: Words that only one of the passes of `test` has.
 PASSES = [
     "tests --ignore tests/system",
-    "tests/stories tests/web -m",
+    "no:logging tests/clock",
     "--no-loadscope-reorder tests/system -m not search",
 ]
 #: Those of CI: with searches, and then with compiled modules.
 CI_PASSES = [
-    *("tests --ignore tests/system", "tests/stories tests/web -m", "--no-loadscope-reorder tests/system"),
-    *("tests/stories tests/timing", "tests/system/test_udp.py"),
+    *("tests --ignore tests/system", "no:logging tests/clock", "--no-loadscope-reorder tests/system"),
+    *("--numprocesses auto tests/clock", "tests/system/test_udp.py"),
 ]
 SET_UP = ["venv .venv", "pip requirements.txt"]
 TOOLS = ["pip requirements-dev.txt"]
