@@ -19,39 +19,37 @@ from gateway.timing.characters import LineTiming
 _MOST: Final = 1024
 #: An exception may be seen later by this many bytes of a longer PDU.
 _LATEST_EXCEPTION: Final = 20
-#: A response that was complete when first looked for may have been so before: next it is looked for sooner by this
-#: many characters, and by four times as many each further time.
-_SOONER: Final = 1 / 32
-_EACH_TIME: Final = 4
-#: After a later response the next one is expected later by one character, or by this share of the difference.
-_LATER: Final = 0.125
+#: It is looked for so many characters before its end: the last one is read as it comes.
+_EARLIER: Final = 0.75
+#: After a later response the next one is expected later by this share of a character, or of the difference.
+_LATER: Final = 1 / 8
 #: So many seconds after anything that was no response to a request nothing is foreseen: more of it may come.
 CALM: Final = 60.0
 
 
 class Habit:
-    """When the responses of one kind are complete, in seconds after the end of their requests."""
+    """When the responses of one kind are complete, in seconds after the end of their requests: the early ones."""
 
-    __slots__ = ("after", "is_usual", "sooner")
+    __slots__ = ("_sooner", "after", "is_usual")
 
     def __init__(self, after: float) -> None:
         self.after = after
         #: Whether the last response was normal, and came about when it was expected.
         self.is_usual = True
-        self.sooner = 0.0
+        self._sooner = 0.0
 
     def came(self, after: float, wire_time: float, character: float) -> None:
         """Note that a response, whose characters take `wire_time`, was seen to be completed."""
         late = after - self.after
         self.is_usual = late < wire_time
-        self.sooner = 0.0
-        self.after = after if late <= 0.0 else min(after, self.after + max(character, _LATER * late))
+        self._sooner = 0.0
+        self.after += min(late, _LATER * max(late, character))
 
     def was_there(self, character: float) -> None:
-        """Note that a response was complete when it was expected, or sooner."""
+        """Note that a response was complete when it was looked for: perhaps for long. Look sooner each time."""
         self.is_usual = True
-        self.sooner = _EACH_TIME * self.sooner or _SOONER * character
-        self.after -= self.sooner
+        self._sooner = 2 * self._sooner or character
+        self.after -= self._sooner
 
 
 class Foresight:
@@ -63,8 +61,7 @@ class Foresight:
         self._echo = echo
         self._pace = pace
         self._habits: dict[int, Habit] = {}
-        #: By how much the gateway reads too late, in seconds; from when on responses are foreseen again.
-        self._lag = 0.0
+        #: From when on responses are foreseen again.
         self._calm_at = 0.0
 
     def is_undisturbed(self, position: int, now: float) -> bool:
@@ -92,7 +89,7 @@ class Foresight:
         size = ours.asked.response_size
         if size is None or not _is_plain(ours):
             return
-        ends_at = ours.asked_at + habit.after
+        ends_at = ours.asked_at + habit.after - _EARLIER * timing.character
         longer = size - EXCEPTION_SIZE
         begun_at = ends_at if longer <= _LATEST_EXCEPTION else ends_at - timing.frame(longer) + timing.frame(0)
         self._pace.foresee(begun_at, ends_at)
@@ -107,12 +104,11 @@ class Foresight:
         if habit is None:
             if len(self._habits) >= _MOST:
                 self._habits.clear()
-            self._habits[kind] = Habit(after - self._lag)
+            self._habits[kind] = Habit(after)
         elif self._pace.was_there:
-            self._lag = min(max(0.0, after - habit.after), timing.character)
             habit.was_there(timing.character)
         else:
-            habit.came(after - self._lag, timing.frame(len(pdu)), timing.character)
+            habit.came(after, timing.frame(len(pdu)), timing.character)
 
     def forget(self) -> None:
         """Forget all habits: the line has changed."""
