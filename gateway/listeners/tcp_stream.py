@@ -32,6 +32,7 @@ class TcpStream:
         self._is_reading = False
         self._is_known = False
         self._mask = loop.mask if isinstance(loop, ExactLoop) else None
+        self._unmask = loop.unmask if isinstance(loop, ExactLoop) else None
         self._has_peer_ended = False
         self._is_closing = False
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -48,7 +49,7 @@ class TcpStream:
         """Receive nothing until `resume_reading`."""
         if self._is_reading and self._mask is not None:
             self._is_reading = False
-            self._mask(self._descriptor, is_masked=True)
+            self._mask(self._descriptor)
         elif self._is_reading:
             self._forget()
 
@@ -56,8 +57,8 @@ class TcpStream:
         """Receive again."""
         if not (self._is_reading or self._has_peer_ended or self._is_closing):
             self._is_reading = True
-            if self._is_known and self._mask is not None:
-                self._mask(self._descriptor, is_masked=False)
+            if self._is_known and self._unmask is not None:
+                self._unmask(self._descriptor)
             else:
                 self._is_known = True
                 self._loop.add_reader(self._socket, self._receive)
