@@ -1,10 +1,10 @@
 """Who has written last to an image."""
 
 from gateway.images.last_writes import MOST, LastWrites
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request
 
 
-class Client:
+class Client(Origin):
     def __init__(self, name: str) -> None:
         self.caller = Caller.without_address(name)
 

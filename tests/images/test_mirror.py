@@ -178,7 +178,7 @@ def test_a_poll_from_before_a_write_tells_a_mirror_nothing_that_came_after_it(fr
     writer = Client(fresh)
     writer.ask("06 0000 0006")
     fresh.answers("06 0000 0006", which=1)
-    fresh.mirror = Mirror(fresh.mirror.settings, fresh.polls, fresh, fresh, fresh.events.append)
+    fresh.mirror = Mirror(fresh.mirror.settings, fresh.polls, CallingTarget(fresh.submit), fresh, fresh.events.append)
     fresh.polls.change(fresh.mirror.parts, (), 0.5)
     client = Client(fresh)
     assert client.ask() == []

@@ -3,7 +3,6 @@
 from collections import Counter
 from dataclasses import replace
 from random import Random
-from types import SimpleNamespace
 
 import pytest
 
@@ -36,6 +35,7 @@ from kit.rights_reference import (
     read_back,
 )
 from kit.router import router
+from kit.target import CallingTarget
 
 CONFIG = """
 [[listen]]
@@ -67,7 +67,7 @@ class CertifiedAsker(Asker):
 
 EVERYTHING = Row(None, None, None, None, None, frozenset({"read", "write"}), None)
 FAR = replace(EVERYTHING, listeners=("far", "field"))
-NOWHERE = SimpleNamespace(name="", submit=lambda request, now: request.respond(request.pdu))
+NOWHERE = CallingTarget(lambda request, now: request.respond(request.pdu))
 
 
 def random_table(chance):
@@ -216,7 +216,7 @@ def test_a_row_of_high_priority_gives_priority_to_the_requests_that_it_decides(p
 
 def test_the_copies_of_a_broadcast_are_as_urgent_as_it_is():
     copies = []
-    device = SimpleNamespace(name="", submit=lambda request, now: copies.append(request))
+    device = CallingTarget(lambda request, now: copies.append(request))
     rows = rows_of({"allow": ["read", "write"], "priority": "high"})
     asked_of(rows, "06 0000 0001", unit=0, target=Broadcast([Recipient(device)]))
     assert [each.caller.has_priority for each in copies] == [True]

@@ -49,7 +49,7 @@ def test_it_takes_no_more_memory_than_it_was_given(size):
     finally:
         tracemalloc.stop()
     kept = ring.added - ring.first
-    assert 0.5 * limit < full < limit
+    assert 0.45 * limit < full < limit  # compiled records are smaller
     assert kept > 500
 
 
