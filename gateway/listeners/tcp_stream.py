@@ -31,8 +31,7 @@ class TcpStream:
         #: Whether it receives, and whether the loop watches the socket: for a pause, an exact loop only ignores it.
         self._is_reading = False
         self._is_known = False
-        self._mask = loop.mask if isinstance(loop, ExactLoop) else None
-        self._unmask = loop.unmask if isinstance(loop, ExactLoop) else None
+        self._exact = loop if isinstance(loop, ExactLoop) else None
         self._has_peer_ended = False
         self._is_closing = False
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -47,9 +46,9 @@ class TcpStream:
 
     def pause_reading(self) -> None:
         """Receive nothing until `resume_reading`."""
-        if self._is_reading and self._mask is not None:
+        if self._is_reading and self._exact is not None:
             self._is_reading = False
-            self._mask(self._descriptor)
+            self._exact.mask(self._descriptor)
         elif self._is_reading:
             self._forget()
 
@@ -57,8 +56,8 @@ class TcpStream:
         """Receive again."""
         if not (self._is_reading or self._has_peer_ended or self._is_closing):
             self._is_reading = True
-            if self._is_known and self._unmask is not None:
-                self._unmask(self._descriptor)
+            if self._is_known and self._exact is not None:
+                self._exact.unmask(self._descriptor)
             else:
                 self._is_known = True
                 self._loop.add_reader(self._socket, self._receive)
