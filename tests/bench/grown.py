@@ -8,6 +8,7 @@ import asyncio
 import ctypes
 import sys
 from collections.abc import Callable
+from functools import partial
 from itertools import cycle
 
 from gateway.config.load import parse
@@ -20,6 +21,7 @@ from gateway.observe.fan_out import FanOut
 from gateway.request import Caller
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
+from kit.many_ranges import ManyRanges
 
 #: Steps that do not count, until events have been told so often that they are only counted; and those that do.
 BEFORE, STEPS = 1000, 400
@@ -157,6 +159,29 @@ class BusyLine(Line):
         client.ask()
 
 
+def unknown_read(size: int) -> Step:
+    """A read of one range of a mirror, as the first one."""
+    mirror = ManyRanges(size)
+
+    def step() -> None:
+        mirror.forget_reads()
+        mirror.read(3)
+
+    return step
+
+
+def row_written(size: int) -> Step:
+    """What tells of the freshness of its device is read too."""
+    unit = ManyRanges(size, is_mapped=True)
+
+    def step() -> None:
+        unit.write(3)
+        unit.ask(1, 0, 1)
+        unit.ask(4, 0, 1)
+
+    return step
+
+
 def running(config: str, emit: Emit) -> Gateway:
     """A gateway with this config."""
     plan = resolve(parse(config, port_trouble=lambda _: None, real_path=lambda port: port).config)
@@ -168,6 +193,10 @@ ROWS: dict[str, Callable[[int], Step]] = {
     "refusal": lambda size: FullLine(size).is_refused,
     "loss": lambda size: FullLine(size).makes_another_lose,
     "clients": lambda size: BusyLine(size).answers,
+    "mirror": unknown_read,
+    "written": lambda size: partial(ManyRanges(size).write, 3),
+    "poll": lambda size: ManyRanges(size).poll_one,
+    "row": row_written,
 }
 
 

@@ -128,6 +128,21 @@ ROWS = {
         measure=counted,
     ),
     "clients": Row(what="an answer", of="clients of a line", sizes=(8, 64, 512, 2000), measure=counted),
+    "mirror": Row(
+        what="a read of a mirror that is not remembered",
+        of="ranges",
+        sizes=(10, 100, 1000, 5000),
+        measure=counted,
+        check=(10, 1000),
+    ),
+    "written": Row(what="a write through a mirror", of="ranges", sizes=(10, 100, 1000, 5000), measure=counted),
+    "poll": Row(what="a poll of a mirror", of="ranges", sizes=(10, 100, 1000, 5000), measure=counted),
+    "row": Row(
+        what="a write to a row of a map, and a read of the freshness of its device",
+        of="rows",
+        sizes=(10, 100, 1000, 5000),
+        measure=counted,
+    ),
     "lines": Row(what="an answer", of="lines that are not paced", sizes=(8, 16, 32, 64), measure=lines),
     "check": Row(what="`check`", of="points", sizes=(0, 100, 1000, 10_000), measure=check, unit="s"),
 }

@@ -136,6 +136,17 @@ class ManyRanges:
                 polls += 1
         return polls
 
+    def poll_one(self) -> None:
+        """Answer a poll of the first device; all is due again once all was polled."""
+        if not self.device.asked:
+            self.spend(EVERY)
+            self.tick()
+        self.device.answer_one()
+
+    def forget_reads(self) -> None:
+        """Remember no read, as after many others."""
+        self.unit._reads.clear()
+
     def read(self, number: int | None = None, client: Client | None = None, size: int | None = None) -> None:
         """A client's read of one range, the next one each time."""
         number = next(self._numbers) * 7919 % self.ranges if number is None else number
