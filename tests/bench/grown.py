@@ -193,7 +193,7 @@ ROWS: dict[str, Callable[[int], Step]] = {
     "refusal": lambda size: FullLine(size).is_refused,
     "loss": lambda size: FullLine(size).makes_another_lose,
     "clients": lambda size: BusyLine(size).answers,
-    "mirror": unknown_read,
+    "ranges": unknown_read,
     "written": lambda size: partial(ManyRanges(size).write, 3),
     "poll": lambda size: ManyRanges(size).poll_one,
     "row": row_written,

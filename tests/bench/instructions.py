@@ -57,6 +57,9 @@ IN_FLIGHT = 8
 MOST = 125
 #: No gateway takes longer to start, to answer or to end under valgrind, in seconds.
 PATIENCE = 120.0
+#: More ranges than a mirror remembers reads, and how far their first addresses are apart.
+RANGES = 1100
+APART = COUNT + 3
 #: The system calls that are named in the table.
 NAMED = ("read", "write", "recvfrom", "sendto", "epoll_wait", "epoll_pwait2", "epoll_ctl")
 
@@ -71,7 +74,7 @@ SLOW = 7_000_000
 class Way:
     """Reads of `units`, as clients know them, `many` of them after a `few`; `lines` carry them, `more` is config.
 
-    Each read is of `count` registers; or all are `writes`, of zeros.
+    Each read is of `count` registers; or all are `writes`, of zeros. The next one is `apart` from it, one of `places`.
 
     `clients` share what is `in_flight`. `step` is how far the gateway's clock goes on at each wait, 0 for real time.
     """
@@ -84,6 +87,8 @@ class Way:
     more: str = ""
     count: int = COUNT
     writes: bool = False
+    apart: int = 0
+    places: int = 0
     #: The device whose value the clients get at an address of the only unit; 0 for zeros.
     values_of: Callable[[int], int] = lambda _: 1
     step: int = QUICK
@@ -97,8 +102,8 @@ class Way:
 
     @property
     def addresses(self) -> range:
-        """What is read: the gateway knows all requests after the first run."""
-        return range(0, 100, self.count)
+        """What is read: the gateway knows all requests after the first run, unless there are very many."""
+        return range(0, self.places * self.apart, self.apart) if self.places else range(0, 100, self.count)
 
 
 def _lines(number: int, **more: object) -> Scenario:
@@ -110,6 +115,11 @@ def _rows() -> Iterator[str]:
     for row in range(MOST // 2):
         first, last = 2 * row, 2 * row + 1 if row < MOST // 2 - 1 else MOST - 1
         yield f'{{ at = {first}, device = "line0-{_device(row)}", holding = "{first}-{last}", every = "30 s" }}'
+
+
+def _ranges() -> Iterator[str]:
+    """Ranges that are polled with others."""
+    return (f'{{ holding = "{at}-{at + COUNT - 1}", every = "1 h" }}' for at in range(0, RANGES * APART, APART))
 
 
 def _points() -> Iterator[str]:
@@ -133,6 +143,16 @@ WAYS = {
         units=range(200, 201),
         lines=_lines(1),
         more='[[image]]\nunit = 200\nof = "line0-1"\nread = [{ holding = "0-124", every = "30 s" }]\nstale = "90 s"\n',
+    ),
+    "ranges": Way(
+        what="a mirror of 1100 ranges, each after all others",
+        units=range(200, 201),
+        lines=_lines(1),
+        more='[profile.generic]\nmax_gap = 3\n[[image]]\nunit = 200\nof = "line0-1"\nstale = "3 h"\n'
+        f"read = [{', '.join(_ranges())}]\n",
+        apart=APART,
+        places=RANGES,
+        few=RANGES + 400,
     ),
     "write": Way(
         what="an image, written",
