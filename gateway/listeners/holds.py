@@ -7,9 +7,11 @@ from typing import Final
 
 from gateway.clock.lazy_timer import LazyTimer
 
-#: The least time between two clients that are read again, in seconds. Each may cause a refusal at once, which costs
-#: some 50 us: so all of them together take a twentieth of a processor, however many they are.
-SPACING: Final = 0.001
+#: At most so many clients are read again at once, and then none for so many seconds. Each may cause a refusal, which
+#: costs some 50 us: so all of them together take a twentieth of a processor, however many they are. One by one they
+#: would cost more, because the gateway would wake up for each.
+MOST_AT_ONCE: Final = 8
+PAUSE: Final = 0.008
 
 
 class Holds:
@@ -22,7 +24,7 @@ class Holds:
         self._next_at = 0.0
 
     def add(self, seconds: float, release: Callable[[], None]) -> None:
-        """Call `release` after `seconds`, or later: not within SPACING of another one."""
+        """Call `release` after `seconds`, or later if many are held."""
         self._number += 1
         heappush(self._held, (_now() + seconds, self._number, release))
         self._plan()
@@ -34,10 +36,14 @@ class Holds:
         self._held.clear()
 
     def _release(self) -> None:
-        release = heappop(self._held)[2]
-        self._next_at = _now() + SPACING
+        now = _now()
+        released: list[Callable[[], None]] = []
+        while self._held and self._held[0][0] <= now and len(released) < MOST_AT_ONCE:
+            released.append(heappop(self._held)[2])
+        self._next_at = now + PAUSE
         self._plan()
-        release()
+        for release in released:
+            release()
 
     def _plan(self) -> None:
         if self._timer is None:

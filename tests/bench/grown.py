@@ -27,6 +27,9 @@ from kit.many_ranges import ManyRanges
 BEFORE, STEPS = 1000, 400
 UNIT = 17
 READ = bytes((3, 0, 16, 0, 10))
+WRITE = bytes((6, 0, 16, 0, 10))
+#: The most devices of a map.
+DEVICES = 200
 CONFIG = """
 [[listen]]
 bind = "tcp://127.0.0.1:1502"
@@ -48,7 +51,7 @@ Step = Callable[[], object]
 class Client:
     """A client of a host of its own, from the bytes of its requests to those of its answers."""
 
-    def __init__(self, gateway: Gateway, number: int) -> None:
+    def __init__(self, gateway: Gateway, number: int = 0) -> None:
         host = f"127.0.{number // 250}.{number % 250 + 1}"
         listener = gateway.listeners[0]
         self.time = asyncio.get_running_loop().time
@@ -58,11 +61,11 @@ class Client:
         settings = listener.settings
         self.session = MbapSession(caller, router=listener.router, connection=self, settings=settings, now=self.time())
 
-    def ask(self) -> None:
+    def ask(self, pdu: bytes = READ) -> None:
         """One request more, even if the last one was refused."""
         self.session.release()
         self._number = self._number + 1 & 0xFFFF
-        adu = mbap.encode(self._number, UNIT, READ)
+        adu = mbap.encode(self._number, UNIT, pdu)
         self.session.room()[: len(adu)] = adu
         self.session.received(len(adu), self.time())
 
@@ -96,12 +99,7 @@ class Line:
     latency = 0.0
 
     def __init__(self, queue: int, clients: int) -> None:
-        backlog = Backlog()
-
-        def log(event: Event) -> None:
-            backlog.add(entry_of(event))
-
-        self.gateway = running(f'{CONFIG}queue = {queue}\nmax_wait = "1 h"\n', FanOut(log).emit)
+        self.gateway = running(f'{CONFIG}queue = {queue}\nmax_wait = "1 h"\n', told())
         self.driver = self.gateway.lines[0].driver
         self.driver.port_up(self)
         self.clients = [Client(self.gateway, number) for number in range(clients)]
@@ -182,6 +180,23 @@ def row_written(size: int) -> Step:
     return step
 
 
+def written_image(registers: int) -> Step:
+    """A client that writes to an image of so many registers."""
+    config = f'[[listen]]\nbind = "tcp://127.0.0.1:1502"\n[[image]]\nunit = {UNIT}\nholding = "0-{registers - 1}"\n'
+    client = Client(running(config, told()))
+    return lambda: client.ask(WRITE)
+
+
+def told() -> Emit:
+    """Where events go up to the thread that writes them, which is behind."""
+    backlog = Backlog()
+
+    def log(event: Event) -> None:
+        backlog.add(entry_of(event))
+
+    return FanOut(log).emit
+
+
 def running(config: str, emit: Emit) -> Gateway:
     """A gateway with this config."""
     plan = resolve(parse(config, port_trouble=lambda _: None, real_path=lambda port: port).config)
@@ -192,6 +207,9 @@ def running(config: str, emit: Emit) -> Gateway:
 ROWS: dict[str, Callable[[int], Step]] = {
     "refusal": lambda size: FullLine(size).is_refused,
     "loss": lambda size: FullLine(size).makes_another_lose,
+    "mirror": lambda size: ManyRanges(size).read,
+    "map": lambda size: ManyRanges(size, devices=min(size, DEVICES), is_mapped=True).read,
+    "write": written_image,
     "clients": lambda size: BusyLine(size).answers,
     "ranges": unknown_read,
     "written": lambda size: partial(ManyRanges(size).write, 3),
