@@ -138,7 +138,6 @@ ROWS = {
         what="a read of a mirror that is not remembered", of="ranges", sizes=(10, 100, 1000, 5000), measure=counted
     ),
     "written": Row(what="a write through a mirror", of="ranges", sizes=(10, 100, 1000, 5000), measure=counted),
-    "poll": Row(what="a poll of a mirror", of="ranges", sizes=(10, 100, 1000, 5000), measure=counted),
     "row": Row(
         what="a write to a row of a map, and a read of the freshness of its device",
         of="rows",
