@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.clock.beside import end
-from gateway.clock.slices import turn
+from gateway.clock.slices import turn, with_rests
 from gateway.clock.threads import ThreadPerCall
 from gateway.control.messages import END, answer_of, line_of
 from gateway.errors import WrongQuestion
@@ -226,13 +226,17 @@ async def _written(answer: Mapping[str, Any]) -> bytes:
     """Write an answer as a line; one that may be long in a thread: the lines do not wait for it."""
     if not any(map(_is_long, answer.values())):
         return _line(answer)
-    call = partial(_line, answer)
+    call = partial(_line_with_rests, answer)
     del answer
     return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("control answer"), call)
 
 
 def _is_long(told: object) -> bool:
     return isinstance(told, _LONG) or (isinstance(told, Sequence) and len(told) > _MANY and not isinstance(told, str))
+
+
+def _line_with_rests(answer: Mapping[str, Any]) -> bytes:
+    return line_of({"version": __version__, **answer}, with_rests)
 
 
 def _line(answer: Mapping[str, Any]) -> bytes:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from aiohttp import web
 
-from gateway.clock.slices import turn
+from gateway.clock.slices import turn, with_rests
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import NotPermitted
 from gateway.modbus.codes import Area
@@ -43,6 +43,7 @@ _LONG: Final = (
     *(Status, ConfigInUse, CheckedConfig, Lines, Happened, LinePast, Units, UnitPicture, UnitPast, Cells, Points),
     *(Inventory, KnownValues, PointTrend),
 )
+_ENCODER: Final = json.JSONEncoder(default=fields_of, ensure_ascii=False)
 #: A parameter in the path of an operation.
 NAMED: Final = re.compile(r"\{(\w+)\}")
 #: The last parameter of a path, which may be left out with what joins it to the one before.
@@ -110,9 +111,11 @@ class _Handler:
 
 def json_of(body: object) -> bytes:
     """Write dataclasses and JSON values as JSON in UTF-8."""
-    return b"".join(
-        piece.encode() for piece in pieces(body, partial(json.dumps, default=fields_of, ensure_ascii=False))
-    )
+    return b"".join([piece.encode() for piece in pieces(body, _ENCODER.encode)])
+
+
+def _json_with_rests(body: object) -> bytes:
+    return b"".join([piece.encode() for piece in with_rests(pieces(body, _ENCODER.encode))])
 
 
 def json_response(body: bytes) -> web.Response:
@@ -125,7 +128,7 @@ async def _written(answer: object) -> bytes:
     """Write an answer as JSON."""
     if not isinstance(answer, _LONG):
         return json_of(answer)
-    call = partial(json_of, answer)
+    call = partial(_json_with_rests, answer)
     del answer
     return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web API"), call)
 
