@@ -157,7 +157,7 @@ def main() -> int:
     programs.compile_gateway()
     bounds = tomllib.loads(BOUNDS.read_text())
     is_comparable = bounds["python"] == f"{sys.version_info.major}.{sys.version_info.minor}"
-    names = args.rows or [name for name, row in ROWS.items() if row.check or not args.check]
+    names = [name for name in args.rows or ROWS if ROWS[name].check or not args.check]
     found = {}
     exceeded = has_grown = False
     print("| step | of | size: cost |\n|---|---|---|")
