@@ -62,9 +62,9 @@ class Interest:
 class Waiter:
     """Waits with `wait_really` for the descriptors of `epoll`, and calls what is ready or due.
 
-    The loop that it serves sets three attributes: `ready`, the handles that the
-    loop calls itself; `call_soon`, which adds a callback to them; and `failed`, which takes the error of a callback.
-    Handles that are in `ready` when a wait begins are called first, as in asyncio.
+    The loop that it serves sets three attributes: `ready`, the handles that the loop calls itself; `call_soon`, which
+    adds a callback to them; and `failed`, which takes the error of a callback. Handles that are in `ready` when a wait
+    begins are called first, as in asyncio.
     """
 
     def __init__(self, epoll: select.epoll, wait_really: Wait) -> None:
