@@ -87,7 +87,7 @@ class Foresight:
             return
         habit.is_usual = False
         size = ours.asked.response_size
-        if size is None or not _is_plain(ours):
+        if size is None or timing.mode == "ascii" or not _is_plain(ours):
             return
         ends_at = ours.asked_at + habit.after - _EARLIER * timing.character
         longer = size - EXCEPTION_SIZE
