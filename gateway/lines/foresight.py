@@ -64,6 +64,11 @@ class Foresight:
         #: From when on responses are foreseen again.
         self._calm_at = 0.0
 
+    @property
+    def has_habits(self) -> bool:
+        """Whether any response may be foreseen."""
+        return bool(self._habits)
+
     def is_undisturbed(self, position: int, now: float) -> bool:
         """Tell whether the last request was answered, only responses come, and nothing else is expected."""
         last = self._ledger.last
@@ -97,7 +102,8 @@ class Foresight:
     def answered(self, ours: Exchange, token: Token, timing: LineTiming) -> None:
         """Note the response to a request, which came alone."""
         after, pdu = token.at - ours.asked_at, token.frame.pdu
-        if after <= 0.0 or pdu[0] & EXCEPTION_BIT:  # or the port does not keep the line's pace
+        wire_time = timing.frame(len(pdu))
+        if after < wire_time - timing.character or pdu[0] & EXCEPTION_BIT:  # or the port does not keep the line's pace
             return
         kind = _kind(ours)
         habit = self._habits.get(kind)
@@ -108,7 +114,7 @@ class Foresight:
         elif self._pace.was_there:
             habit.was_there(timing.character)
         else:
-            habit.came(after, timing.frame(len(pdu)), timing.character)
+            habit.came(after, wire_time, timing.character)
 
     def forget(self) -> None:
         """Forget all habits: the line has changed."""

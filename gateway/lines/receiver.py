@@ -105,7 +105,7 @@ class Receiver:
         # Another client's copy takes as long as our request, by its own clock, and cannot begin before ours was sent.
         soon = min(scanner.silence, _SOONEST * (transaction.ends_at - now))
         echo_until = inf if echo.echoes else 0.0 if echo.is_virtual else transaction.ends_at + soon
-        is_undisturbed = self.is_undisturbed(now)
+        is_undisturbed = self._foresight.has_habits and self.is_undisturbed(now)
         self.attribution.begin(ours, scanner.position, echo_until)
         echo.record_copies(self.attribution.echoes_in_a_row, transaction)
         sent = scanner.encode(transaction.unit, transaction.asked.data)
@@ -284,8 +284,10 @@ class Receiver:
 
     def _may_be_early(self, ours: Exchange, token: Token) -> bool:
         """Tell whether another response begins behind one that nobody saw come: that may have come too early."""
-        came, behind = (self._text[place - ours.place :][:1] for place in (token.start, token.end))
-        return self._pace.was_there and came == behind
+        if not self._pace.was_there:
+            return False
+        start, end = token.start - ours.place, token.end - ours.place
+        return self._text[start : start + 1] == self._text[end : end + 1]
 
     def _has_noise(self, start: int, end: int) -> bool:
         """Tell whether bytes between these places belong to no frame."""
