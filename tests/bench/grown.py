@@ -15,6 +15,7 @@ from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.events import Emit, Event
 from gateway.listeners.sessions.mbap import MbapSession
+from gateway.listeners.sessions.session import Connection
 from gateway.modbus import mbap, rtu
 from gateway.observe.backlog import Backlog, entry_of
 from gateway.observe.fan_out import FanOut
@@ -48,18 +49,21 @@ EACH = 16
 Step = Callable[[], object]
 
 
-class Client:
+class Client(Connection):
     """A client of a host of its own, from the bytes of its requests to those of its answers."""
 
     def __init__(self, gateway: Gateway, number: int = 0) -> None:
         host = f"127.0.{number // 250}.{number % 250 + 1}"
         listener = gateway.listeners[0]
-        self.time = asyncio.get_running_loop().time
+        self._loop = asyncio.get_running_loop()
         self._number = 0
         self.answers = 0
         caller = Caller(f"{host}:1", host, host)
         settings = listener.settings
         self.session = MbapSession(caller, router=listener.router, connection=self, settings=settings, now=self.time())
+
+    def time(self) -> float:
+        return self._loop.time()
 
     def ask(self, pdu: bytes = READ) -> None:
         """One request more, even if the last one was refused."""

@@ -14,6 +14,7 @@ from gateway.config.load import parse
 from gateway.config.resolve import resolve
 from gateway.events import Emit
 from gateway.listeners.sessions.mbap import MbapSession
+from gateway.listeners.sessions.session import Connection
 from gateway.modbus import ascii as ascii_framing
 from gateway.modbus import mbap, rtu
 from gateway.modbus.ascii import lrc
@@ -52,7 +53,7 @@ def read(count: int) -> tuple[bytes, bytes]:
     return bytes((3, 0, 16, 0, count)), bytes((3, 2 * count)) + bytes(range(2 * count))
 
 
-class Table:
+class Table(Connection):
     """A session, a router and a line on a table: it answers each request as soon as it is on the line."""
 
     is_virtual = True
@@ -64,7 +65,7 @@ class Table:
         loop = asyncio.get_running_loop()
         self._adu = mbap.encode(7, UNIT, request)
         self._frame = rtu.encode(UNIT, response)
-        self.time = loop.time
+        self._loop = loop
         self._sent = b""
         gateway = running(CONFIG, print)
         listener, line = gateway.listeners[0], gateway.lines[0]
@@ -73,10 +74,13 @@ class Table:
             router=listener.router,
             connection=self,
             settings=listener.settings,
-            now=self.time(),
+            now=loop.time(),
         )
         self._line = line.driver
         self._line.port_up(self)
+
+    def time(self) -> float:
+        return self._loop.time()
 
     def ask(self) -> None:
         """One request, its response."""

@@ -20,7 +20,7 @@ from gateway.modbus.pdu import Span
 from gateway.profiles.holes import Holes
 from gateway.profiles.profile import Profile
 from gateway.profiles.read_rules import ReadRules
-from gateway.request import Caller, Request
+from gateway.request import Caller, Origin, Request, Target
 
 #: Each range has so many registers, and so many addresses between it and the next one.
 SIZE = 10
@@ -31,29 +31,22 @@ UNIT = 200
 READ, WRITE = 3, 6
 
 
-class Polled:
-    """A device named `name`, the origin of its polls, and those that it was `asked`."""
+class Polled(Target):
+    """A device named `name`, and the polls that it was `asked`."""
 
     def __init__(self, name: str, turns: PollTurns) -> None:
-        self.caller = Caller.without_address(f"polls of {name}")
         self.holes = Holes()
         self.asked: deque[Request] = deque()
         self.written: deque[Request] = deque()
         self.rests = False
         self.now = 0.0
-        self.polls = DevicePolls(PolledUnit(name, 1, ReadRules()), self, self, turns, discard_event)
+        self.polls = DevicePolls(PolledUnit(name, 1, ReadRules()), self, Poller(self, name), turns, discard_event)
 
     def submit(self, request: Request, now: float, *, yields: bool = False) -> None:
         (self.asked if yields else self.written).append(request)
 
     def is_resting(self, now: float) -> bool:
         return self.rests
-
-    def wants(self, request: Request) -> bool:
-        return True
-
-    def answer(self, request: Request, pdu: bytes | None) -> None:
-        self.polls.polled(request, pdu, self.now)
 
     def answer_one(self, pdu: bytes | None = None) -> None:
         """Answer the oldest poll, with zeros or with what is given."""
@@ -62,7 +55,21 @@ class Polled:
         request.origin.answer(request, bytes((READ, size)) + bytes(size) if pdu is None else pdu)
 
 
-class Client:
+class Poller(Origin):
+    """The origin of the polls of a device."""
+
+    def __init__(self, polled: Polled, name: str) -> None:
+        self.caller = Caller.without_address(f"polls of {name}")
+        self._polled = polled
+
+    def wants(self, request: Request) -> bool:
+        return True
+
+    def answer(self, request: Request, pdu: bytes | None) -> None:
+        self._polled.polls.polled(request, pdu, self._polled.now)
+
+
+class Client(Origin):
     """It counts its answers, and keeps the last one."""
 
     def __init__(self, name: str = "10.0.0.9:1") -> None:
