@@ -114,6 +114,10 @@ class Line:
     def read_now(self) -> None:
         """Nothing stands unread on the line."""
 
+    def pause(self) -> bool:
+        """It is looked at all the time."""
+        return False
+
 
 class FullLine(Line):
     """One whose device does not answer, and for which so many requests wait as may."""
