@@ -21,7 +21,8 @@ _MOST: Final = 1024
 _LATEST_EXCEPTION: Final = 20
 #: It is looked for so many characters before its end: the last one is read as it comes.
 _EARLIER: Final = 0.75
-#: After a later response the next one is expected later by this share of a character, or of the difference.
+#: After a later response the next one is expected later by this share of a character at most. By more, a device that
+#: answers in its own cycle would often be sooner than expected, and be seen late.
 _LATER: Final = 1 / 8
 #: So many seconds after anything that was no response to a request nothing is foreseen: more of it may come.
 CALM: Final = 60.0
@@ -43,7 +44,7 @@ class Habit:
         late = after - self.after
         self.is_usual = late < wire_time
         self._sooner = 0.0
-        self.after += min(late, _LATER * max(late, character))
+        self.after += min(late, _LATER * character)
 
     def was_there(self, character: float) -> None:
         """Note that a response was complete when it was looked for: perhaps for long. Look sooner each time."""

@@ -104,9 +104,19 @@ async def test_a_device_that_has_become_faster_is_noticed_within_a_few_answers()
 async def test_a_device_that_has_become_slower_is_answered_on_its_last_byte() -> None:
     async with Wired() as wired:
         await talks(wired, *[Talk()] * 3)
-        slower = await talks(wired, *[Talk(delay=0.03)] * 20)
+        slower = await talks(wired, *[Talk(delay=0.006)] * 40)
         assert max(asked.late for asked in slower) < CHARACTER + 0.0005
         assert slower[-1].wakes <= 3
+
+
+@pytest.mark.parametrize("baud", [9600, 19200, 115200])
+@pytest.mark.parametrize("cycle", [0.002, 0.01, 0.02])
+async def test_a_device_that_answers_in_its_own_cycle_is_answered_hardly_later(baud: int, cycle: float) -> None:
+    """A controller answers at the end of its cycle, and knows nothing of when it is asked."""
+    async with Wired(LineTiming("rtu", baud, CharacterFormat.parse("8N1"))) as wired:
+        delays = [0.004 + cycle * (each * 0.618034 % 1.0) for each in range(200)]
+        late = [asked.late for asked in await talks(wired, *[Talk(delay=delay) for delay in delays])]
+        assert sum(late[20:]) / len(late[20:]) < 0.0003
 
 
 async def test_an_exception_is_seen_when_the_answer_should_have_been_there_and_the_next_one_as_it_comes() -> None:
