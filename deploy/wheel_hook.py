@@ -35,11 +35,9 @@ class CompiledModules(BuildHookInterface[Any]):
         folder, root = Path(self._folder.name), Path(self.root)
         shutil.copytree(root / "gateway", folder / "gateway")
         without_symbols = os.environ | {"LDFLAGS": "-s"}
-        done = subprocess.run(
-            [sys.executable, root / "deploy/compile", folder], check=must_compile(), env=without_symbols
-        )
+        done = subprocess.run([sys.executable, root / "deploy/compile", folder], check=False, env=without_symbols)
         if done.returncode:
-            self._warn("deploy/compile has failed")
+            self._leave_out("deploy/compile has failed, see above")
             return
         compiled = folder.rglob("*.so")
         build_data["force_include"] |= {str(path): str(path.relative_to(folder)) for path in compiled}
