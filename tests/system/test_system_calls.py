@@ -211,19 +211,12 @@ def test_a_wait_is_as_long_as_it_shall_be_and_no_shorter(calls, epoll, seconds):
     assert min(waited) < seconds + 0.0005
 
 
-@pytest.mark.parametrize("way", ["in_c", "in_c_before_5_11"])
-def test_in_c_a_long_wait_is_one_too(request, way, epoll):
-    in_c = request.getfixturevalue(way)
+def test_a_long_wait_ends_before_its_exact_part(calls, epoll):
+    """The kernel may end it late by a thousandth of it, and the rest is too short for that to matter."""
+    wait = calls.wait_of(epoll)
     began = time.monotonic()
-    assert in_c.wait_of(epoll)(2 * EXACT_PART, {}) == ()
-    assert time.monotonic() - began >= 2 * EXACT_PART
-
-
-def test_in_python_a_long_wait_ends_before_its_exact_part(in_python, epoll):
-    wait = in_python.wait_of(epoll)
-    began = time.monotonic()
-    assert wait(3 * EXACT_PART, {}) == ()
-    assert time.monotonic() - began >= 2 * EXACT_PART
+    assert wait(4 * EXACT_PART, {}) == ()
+    assert 3 * EXACT_PART <= time.monotonic() - began < 4 * EXACT_PART
 
 
 def test_a_wait_that_would_last_for_days_ends_when_somebody_is_ready(calls, epoll, pair):
