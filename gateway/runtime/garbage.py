@@ -7,8 +7,9 @@ from typing import Final
 
 #: So many objects that are not freed may come without a collection.
 _MOST: Final = 200_000
-#: How many answers are being made.
+#: How many answers are being made, and whether garbage was collected before: a program around the gateway decides that.
 _in_progress = 0
+_was_enabled = True
 
 
 @contextmanager
@@ -17,17 +18,19 @@ def no_collection() -> Iterator[None]:
 
     What others leave meanwhile is bounded: if the last collection was too many objects ago, there will be one.
     """
-    global _in_progress  # noqa: PLW0603 - the collector is one for the process, too
+    global _in_progress, _was_enabled  # noqa: PLW0603 - the collector is one for the process, too
+    if not _in_progress:
+        _was_enabled = gc.isenabled()
     _in_progress += 1
     try:
         if gc.get_count()[0] < _MOST:
             gc.disable()
-        else:
+        elif _was_enabled:
             gc.enable()
         yield
     finally:
         _in_progress -= 1
-        if not _in_progress:
+        if _was_enabled and not _in_progress:
             gc.enable()
 
 

@@ -3,7 +3,9 @@
 import gc
 import weakref
 
-from gateway.runtime.garbage import settle
+import pytest
+
+from gateway.runtime.garbage import no_collection, settle
 
 
 class Part:
@@ -29,3 +31,29 @@ def test_what_a_reload_leaves_behind_is_freed_when_it_settles():
     del part
     settle()
     assert gone() is None
+
+
+@pytest.fixture(params=[True, False], ids=["enabled", "disabled"])
+def was_enabled(request):
+    """Whether garbage is collected before an answer is made; a program around the gateway may not want it."""
+    if not request.param:
+        gc.disable()
+    yield request.param
+    gc.enable()
+
+
+def test_while_answers_are_made_nothing_is_collected_and_then_as_before(was_enabled):
+    with no_collection():
+        with no_collection():
+            assert not gc.isenabled()
+        assert not gc.isenabled()
+    assert gc.isenabled() == was_enabled
+
+
+def test_what_is_left_while_answers_are_made_is_bounded(monkeypatch):
+    monkeypatch.setattr("gateway.runtime.garbage._MOST", 1000)
+    with no_collection():
+        left = [Part() for _ in range(2000)]
+        with no_collection():
+            assert gc.isenabled()
+    assert len(left) == 2000
