@@ -114,7 +114,9 @@ class DevicePolls(Supply):
         by_poll: dict[Poll, list[Part]] = {}
         for part in self._parts:
             by_poll.setdefault(part.poll, []).append(part)
-        due = {poll: now if each.is_asked else each.due_at for each in self._ranges for poll in each.poll.wanted}
+        due = {
+            poll: now if each.is_asked else self._due_since(each) for each in self._ranges for poll in each.poll.wanted
+        }
         halves = {half for each in self._ranges for half in each.halves}
         before = {each.poll: each for each in self._ranges if each not in halves}
         unit = self.unit
@@ -155,8 +157,7 @@ class DevicePolls(Supply):
         """Take the response to a poll; None if it has none."""
         polled = self._polls.pop(poll)
         polled.is_asked = False
-        is_before_write = polled.asked_after < self.writes and not polled.halves
-        self._due.plan(polled, min(polled.due_at, self._written_at) if is_before_write else polled.due_at)
+        self._due.plan(polled, self._due_since(polled))
         try:
             if response is not None and not response[0] & EXCEPTION_BIT and self._take(polled, response, now):
                 self._accepted(polled, now)
@@ -221,6 +222,11 @@ class DevicePolls(Supply):
         if polled.is_waiting and not polled.is_over:
             polled.missed(now, answers=None)
             self._settle(polled, now)
+
+    def _due_since(self, polled: PolledRange) -> float:
+        """Return when a range is due: since the last write if its poll was sent before; one with halves in its time."""
+        is_before_write = polled.asked_after < self.writes and not polled.halves
+        return min(polled.due_at, self._written_at) if is_before_write else polled.due_at
 
     def _add(self, polled: PolledRange) -> None:
         self._ranges[polled] = None

@@ -452,6 +452,16 @@ def test_what_joins_a_poll_is_read_at_once_and_then_with_it():
     assert meter.polls.deadline() == 14.0
 
 
+def test_after_a_write_all_is_polled_again_at_once_also_if_readers_come_or_go_before():
+    stays = points(0, 1, every=10.0)
+    meter = Meter(stays)
+    meter.round(0.0)
+    meter.polls.changed(Span(Area.HOLDING, 20, 1), 4.0)
+    meter.change((), stays.parts[1:], 4.0)
+    assert meter.round(4.0) == [(0, 0)]
+    assert meter.round(4.0) == []
+
+
 def test_a_refused_poll_that_stays_as_it_is_is_not_tried_nor_told_again():
     meter, before = missing()
     after = points(0, 3, 6, 9)
