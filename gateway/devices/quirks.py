@@ -126,8 +126,8 @@ class MovableDevice(Device):
         ring: Ring | None = None,
     ) -> None:
         super().__init__(settings, line, emit, ring, line_name)
-        self._change_rate = change_rate
-        self._line_source = line_source
+        #: What makes the line follow its rate, and the place of that in the config; None if it must not.
+        self._rate = None if change_rate is None else (change_rate, line_source)
         self.address = Whereabouts(self.name, addresses, remember)
         self.begin_at(settings.unit)
 
@@ -212,9 +212,10 @@ class MovableDevice(Device):
         is_rate = baud.is_integer() and int(baud) in BAUD_RATES  # a range is slow for a float
         if response is None:
             advice = "old or new: no answer came, so the device may speak at either rate"
-        elif self._change_rate is not None and is_rate:
-            self._change_rate(int(baud))
-            advice = f"the line follows it; set baud = {baud:g} in {self._line_source}"
+        elif self._rate is not None and is_rate:
+            change_rate, place = self._rate
+            change_rate(int(baud))
+            advice = f"the line follows it; set baud = {baud:g} in {place}"
         else:
             advice = "the line stays at its rate, so this device cannot be reached until both are the same again"
         self._emit(BaudChanged(self.line_name, self.name, baud, advice))
