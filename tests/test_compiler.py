@@ -39,3 +39,9 @@ def test_what_the_garbage_collector_does_not_see_refers_to_nothing_that_could_re
 def test_nothing_that_others_inherit_from_is_used_again() -> None:
     """The compiler refuses it, and would say so only at the end of a release."""
     assert not [node.name for node, told in classes() if {"allow_interpreted_subclasses", "free_list_len"} <= told]
+
+
+def test_nothing_runs_when_an_object_is_freed() -> None:
+    """A new object of a free list would be the one that is being freed, and lose what it has."""
+    named = [node.name for node, _ in classes() for each in node.body if getattr(each, "name", "") == "__del__"]
+    assert named == []
