@@ -21,6 +21,8 @@ _MOST: Final = 1024
 _LATEST_EXCEPTION: Final = 20
 #: It is looked for so many characters before its end: the last one is read as it comes.
 _EARLIER: Final = 0.75
+#: So many characters before the end of a request it is seen whether anything has come before it.
+_BEFORE_ITS_END: Final = 0.25
 #: After a later response the next one is expected later by this share of a character at most. By more, a device that
 #: answers in its own cycle would often be sooner than expected, and be seen late.
 _LATER: Final = 1 / 8
@@ -98,7 +100,8 @@ class Foresight:
         ends_at = ours.asked_at + habit.after - _EARLIER * timing.character
         longer = size - EXCEPTION_SIZE
         begun_at = ends_at if longer <= _LATEST_EXCEPTION else ends_at - timing.frame(longer) + timing.frame(0)
-        self._pace.foresee(begun_at, ends_at)
+        early_until = 0.0 if self._echo.is_virtual else ours.asked_at - _BEFORE_ITS_END * timing.character
+        self._pace.foresee(early_until, begun_at, ends_at)
 
     def answered(self, ours: Exchange, token: Token, timing: LineTiming) -> None:
         """Note the response to a request, which came alone."""

@@ -35,7 +35,9 @@ class Pace:
         self._first_at = 0.0
         self._first = 0
         self._came = 0
-        #: When it is looked for, and when it is foreseen to be complete, 0 if that is unknown; whether nobody looks.
+        #: Up to when no response can come; when it is looked for, and when it is foreseen to be complete, 0 if that is
+        #: unknown; whether nobody looks.
+        self._early_until = 0.0
         self._look_at = 0.0
         self._ends_at = 0.0
         self._is_awaited = False
@@ -55,10 +57,18 @@ class Pace:
         self._ends_at = 0.0
         self._is_awaited = False
 
-    def foresee(self, look_at: float, ends_at: float) -> None:
-        """Expect the response to be complete at `ends_at`; if it is not an exception, whose end is at `look_at`."""
+    def foresee(self, early_until: float, look_at: float, ends_at: float) -> None:
+        """Expect the response to be complete at `ends_at`; if it is not an exception, whose end is at `look_at`.
+
+        What comes before `early_until` is no response: it is looked for then.
+        """
+        self._early_until = early_until
         self._look_at = look_at
         self._ends_at = ends_at
+
+    def foresee_nothing(self) -> None:
+        """Look for each byte: something came that is no response."""
+        self._ends_at = 0.0
 
     @property
     def was_there(self) -> bool:
@@ -85,7 +95,7 @@ class Pace:
         count, because the device may have taken its time before them. What is foreseen is not looked for before.
         """
         if self._ends_at:
-            at = self._foreseen_at(missing)
+            at = self._foreseen_at(missing, now)
             if at - now >= SHORTEST_PAUSE_CHARS * self._character:
                 self._is_awaited = True
                 return min(at, now + LONGEST)
@@ -101,8 +111,10 @@ class Pace:
         pause = min(pause, LONGEST if came else LONGEST_UNPROVEN)
         return None if pause < SHORTEST_PAUSE_CHARS * character else now + pause
 
-    def _foreseen_at(self, missing: int) -> float:
+    def _foreseen_at(self, missing: int, now: float) -> float:
         """Return when to look for the response, or for its rest; 0 if something else has come."""
+        if now < self._early_until:
+            return self._early_until
         if not self._came:
             return self._look_at
         return self._ends_at if missing else 0.0

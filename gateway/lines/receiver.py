@@ -132,7 +132,9 @@ class Receiver:
             self._foresight.disturbed(now)
             self._frames.clear()
             return self._attribute(scanner.received(data, now, damaged=damaged))
-        if not early:
+        if early:
+            self._pace.foresee_nothing()
+        else:
             self._pace.add(len(data), now)
         if len(self._text) < _BYTES:
             self._text = self._text + data if self._text else data
@@ -261,10 +263,6 @@ class Receiver:
         self._echo.record_response()
         doubt = self.attribution.doubt
         end = token.start if doubt is None else token.end
-        if doubt is None and self._may_be_early(ours, token):
-            self._foresight.disturbed(token.at)
-            self._behind += self._scanner.end()
-            return AmbiguousResponse()
         if self._frames or end > ours.since:
             self._foresight.disturbed(token.at)
             if self._has_noise(ours.place, end):
@@ -281,13 +279,6 @@ class Receiver:
             return token.frame
         self._telling.other_client(ours.sender, Frame(doubt.unit, doubt.asked.data))
         return AmbiguousResponse()
-
-    def _may_be_early(self, ours: Exchange, token: Token) -> bool:
-        """Tell whether another response begins behind one that nobody saw come: that may have come too early."""
-        if not self._pace.was_there:
-            return False
-        start, end = token.start - ours.place, token.end - ours.place
-        return self._text[start : start + 1] == self._text[end : end + 1]
 
     def _has_noise(self, start: int, end: int) -> bool:
         """Tell whether bytes between these places belong to no frame."""
