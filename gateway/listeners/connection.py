@@ -274,8 +274,12 @@ class TcpConnection(Connection):
         self.session.closed()
         self._listener.closing(self)
 
-    def _release(self) -> None:
+    def _release(self) -> bool:
+        """Stop holding the client back. Return False if it is gone."""
+        if self.session.gone:
+            return False
         self._run(self.session.release)
+        return True
 
     def _proceed(self) -> None:
         if not self.session.gone:

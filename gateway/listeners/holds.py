@@ -19,12 +19,15 @@ class Holds:
 
     def __init__(self) -> None:
         self._timer: LazyTimer | None = None
-        self._held: list[tuple[float, int, Callable[[], None]]] = []
+        self._held: list[tuple[float, int, Callable[[], bool]]] = []
         self._number = 0
         self._next_at = 0.0
 
-    def add(self, seconds: float, release: Callable[[], None]) -> None:
-        """Call `release` after `seconds`, or later if many are held."""
+    def add(self, seconds: float, release: Callable[[], bool]) -> None:
+        """Call `release` after `seconds`, or later if many are held. It returns False if its client is gone.
+
+        Clients that are gone take no turns: connections that come, are refused and leave would hold up all others.
+        """
         self._number += 1
         heappush(self._held, (_now() + seconds, self._number, release))
         self._plan()
@@ -36,14 +39,11 @@ class Holds:
         self._held.clear()
 
     def _release(self) -> None:
-        now = _now()
-        released: list[Callable[[], None]] = []
-        while self._held and self._held[0][0] <= now and len(released) < MOST_AT_ONCE:
-            released.append(heappop(self._held)[2])
+        now, count = _now(), 0
+        while count < MOST_AT_ONCE and self._held and self._held[0][0] <= now:
+            count += heappop(self._held)[2]()
         self._next_at = now + PAUSE
         self._plan()
-        for release in released:
-            release()
 
     def _plan(self) -> None:
         if self._timer is None:

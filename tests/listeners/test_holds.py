@@ -9,7 +9,12 @@ from gateway.listeners.holds import MOST_AT_ONCE, PAUSE, Holds
 
 def released(holds: Holds, seconds: float, times: list[float]) -> None:
     loop = asyncio.get_running_loop()
-    holds.add(seconds, lambda: times.append(loop.time()))
+
+    def release() -> bool:
+        times.append(loop.time())
+        return True
+
+    holds.add(seconds, release)
 
 
 async def test_one_is_released_after_its_time_and_of_many_only_some_at_once() -> None:
@@ -31,9 +36,19 @@ async def test_one_is_released_after_its_time_and_of_many_only_some_at_once() ->
 async def test_who_waits_for_a_shorter_time_is_released_before_who_has_come_earlier() -> None:
     holds, order = Holds(), []
     for name, seconds in (("long", 0.128), ("short", 0.002)):
-        holds.add(seconds, lambda name=name: order.append(name))
+        holds.add(seconds, lambda name=name: order.append(name) is None)
     await asyncio.sleep(1.0)
     assert order == ["short", "long"]
+
+
+async def test_clients_that_are_gone_take_no_turns() -> None:
+    holds, times = Holds(), []
+    for _ in range(3000):
+        holds.add(0.001, lambda: False)
+    start = asyncio.get_running_loop().time()
+    released(holds, 0.002, times)
+    await asyncio.sleep(1.0)
+    assert times[0] - start < 0.002 + 2 * PAUSE
 
 
 async def test_nobody_is_released_once_the_listener_is_closed() -> None:
