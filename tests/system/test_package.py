@@ -163,16 +163,32 @@ def test_a_wheel_can_be_built_from_the_sdist_and_compiled_too(built):
 
 @pytest.mark.parametrize(("wanted", "made"), [("", 1), ("1", 0)])
 def test_a_wheel_that_cannot_be_compiled_is_pure_unless_it_must_be_compiled(tmp_path, wanted, made):
-    without = os.environ | {"CC": "no-such-compiler", "HATCH_BUILD_HOOK_ENABLE_CUSTOM": wanted}
+    wheels, said = wheels_built(tmp_path, CC="no-such-compiler", HATCH_BUILD_HOOK_ENABLE_CUSTOM=wanted)
+    assert [name.endswith("-py3-none-any.whl") for name in wheels] == [True] * made, said
+    assert "not compiled" in said
+    assert "there is no no-such-compiler" in said
+
+
+@pytest.mark.parametrize(("wanted", "made"), [("", 1), ("1", 0)])
+def test_so_is_one_whose_compiler_fails(tmp_path, wanted, made):
+    (tmp_path / "deploy").mkdir()
+    (tmp_path / "deploy/compile").write_text("raise SystemExit('no room for objects')", encoding="utf-8")
+    wheels, said = wheels_built(tmp_path, CC=sys.executable, HATCH_BUILD_HOOK_ENABLE_CUSTOM=wanted)
+    assert [name.endswith("-py3-none-any.whl") for name in wheels] == [True] * made, said
+    assert ("not compiled" in said) == bool(made)
+
+
+def wheels_built(folder: Path, **environment: str) -> tuple[list[str], str]:
+    """The wheels that hatchling makes of the checkout, with what else is in a folder, and what it says."""
     for file in ("pyproject.toml", "README.md", "LICENSE", "deploy/wheel_hook.py", "deploy/compile", "gateway"):
-        (tmp_path / file).parent.mkdir(exist_ok=True)
-        (tmp_path / file).symlink_to(CHECKOUT / file)
+        (folder / file).parent.mkdir(exist_ok=True)
+        if not (folder / file).exists():
+            (folder / file).symlink_to(CHECKOUT / file)
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel"]
-    done = subprocess.run(command, cwd=tmp_path, env=without, capture_output=True, text=True, check=False)
-    wheels = [path.name for path in (tmp_path / "dist").glob("*.whl")]
-    assert [name.endswith("-py3-none-any.whl") for name in wheels] == [True] * made, done.stderr
-    assert "not compiled" in done.stderr
-    assert "there is no no-such-compiler" in done.stderr
+    done = subprocess.run(
+        command, cwd=folder, env=os.environ | environment, capture_output=True, text=True, check=False
+    )
+    return [path.name for path in (folder / "dist").glob("*.whl")], done.stderr
 
 
 def test_the_package_admits_the_pythons_for_which_it_has_libraries():
