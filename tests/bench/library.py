@@ -65,6 +65,10 @@ class AnsweredAtOnce:
         """Take a request."""
         asyncio.get_running_loop().call_soon(self._driver.received, self._answers[data[5]])
 
+    def pause(self) -> bool:
+        """Hold nothing back."""
+        return False
+
     def read_now(self) -> None:
         """Nothing stands unread."""
 
