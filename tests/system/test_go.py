@@ -217,6 +217,7 @@ def test_what_could_not_be_compiled_runs_all_the_same(checkout: Checkout, end: s
     checkout.write("deploy/compile", f"{COMPILE}import os\n{end}\n")
     status, _, said = checkout.go("compile")
     assert status == (1 if "exit" in end else -signal.SIGKILL)
+    assert ("apt install gcc python3-dev); why it failed: " in said) == ("exit" in end)
     assert ("compile.log" in said) == ("exit" in end)
     assert checkout.go()[:2] == (0, "1 []\n")
     assert not checkout.is_compiled()
