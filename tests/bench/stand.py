@@ -181,6 +181,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5, help="how often each is asked")
     parser.add_argument("--only", nargs="+", choices=QUESTIONS, default=list(QUESTIONS), metavar="QUESTION")
     args = parser.parse_args()
+    if args.rounds < 2:
+        parser.error("--rounds: at least 2, as the first question is not like those after it")
     programs.compile_gateway()
     with tempfile.TemporaryDirectory() as name:
         programs.compile_into(Path(name))
