@@ -106,6 +106,7 @@ def test_clients_wait_for_few_of_the_polls_that_are_due(is_written, rests):
     assert MANY / MOST_AT_ONCE <= steps < 2 * MANY / MOST_AT_ONCE
 
 
+@pytest.mark.interpreted
 def test_an_answer_wakes_those_who_wait_for_it_and_no_others():
     unit = ManyRanges(200, is_polled=False)
     first, others = Client("10.0.0.1:1"), [Client(f"10.0.0.2:{port}") for port in range(100)]

@@ -148,9 +148,10 @@ class User:
         self.losses.append(exc)
 
 
-@pytest.fixture
-def user():
-    return User()
+@pytest.fixture(params=[pytest.param(User, id="noted", marks=pytest.mark.interpreted)])
+def user(request):
+    """Compiled, a stream takes no other user than a TcpConnection."""
+    return request.param()
 
 
 @pytest.fixture
