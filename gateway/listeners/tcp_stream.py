@@ -4,6 +4,8 @@ It is a reduced transport of asyncio, with half the instructions.
 """
 
 import asyncio
+import errno
+import os
 import socket
 from typing import Final
 
@@ -105,8 +107,8 @@ class TcpStream:
         user = self._user
         if user is None:
             return
-        if not self._is_reading:  # masked, and lost: `resume_reading` has the loop tell again
-            self._forget()
+        if not self._is_reading:  # masked: only a loss is told
+            self._abort(self._loss())
             return
         room = user.get_buffer()
         if not len(room):
@@ -124,6 +126,11 @@ class TcpStream:
         self._has_peer_ended = True
         self._forget()
         user.eof_received()
+
+    def _loss(self) -> OSError:
+        """Return why the connection is lost."""
+        number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) or errno.ECONNRESET
+        return OSError(number, os.strerror(number))
 
     def _forget(self) -> None:
         """Receive nothing, and have the loop watch the socket no more."""

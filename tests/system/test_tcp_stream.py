@@ -206,17 +206,18 @@ async def test_nothing_is_received_before_somebody_asks_for_it(ends, user):
     await until(lambda: user.losses == [None])
 
 
-async def test_a_pause_in_which_the_connection_is_lost_keeps_nobody_busy_and_it_is_told_after_it(stream, client, user):
+async def test_a_connection_that_is_lost_in_a_pause_is_lost_at_once(stream, client, user):
+    """Its requests wait no more, and it takes no turn among those that were refused."""
     watched = asyncio.get_running_loop()._selector.get_map()
     descriptor = stream._descriptor
     stream.pause_reading()
     assert descriptor in watched
     reset(client)
-    await until(lambda: descriptor not in watched)
-    assert user.losses == []
-    stream.resume_reading()
     await until(lambda: user.losses)
+    assert descriptor not in watched
     assert isinstance(user.losses[0], ConnectionResetError)
+    stream.resume_reading()
+    assert len(user.losses) == 1
 
 
 async def test_what_has_arrived_can_be_taken_at_once(stream, client, user):
