@@ -6,7 +6,6 @@ Whether the package installs and serves is seen by tests/soak/package.py, which 
 import ast
 import os
 import re
-import runpy
 import shutil
 import subprocess
 import sys
@@ -34,19 +33,6 @@ BUILDS = "deploy/requirements-build.txt"
 def printed(*words: str | Path) -> str:
     """What a command prints."""
     return subprocess.run(words, capture_output=True, text=True, check=True, cwd=CHECKOUT).stdout
-
-
-class Told:
-    """What hatch's application is told by a hook."""
-
-    def __init__(self) -> None:
-        self.warnings: list[str] = []
-
-    def display_warning(self, message: str) -> None:
-        self.warnings.append(message)
-
-    def abort(self, message: str) -> None:
-        sys.exit(message)
 
 
 def declared_project() -> dict[str, Any]:
@@ -175,7 +161,8 @@ def test_so_is_one_whose_compiler_fails(tmp_path, wanted, made):
     (tmp_path / "deploy/compile").write_text("raise SystemExit('no room for objects')", encoding="utf-8")
     wheels, said = wheels_built(tmp_path, CC=sys.executable, HATCH_BUILD_HOOK_ENABLE_CUSTOM=wanted)
     assert [name.endswith("-py3-none-any.whl") for name in wheels] == [True] * made, said
-    assert ("not compiled" in said) == bool(made)
+    assert "not compiled" in said
+    assert "deploy/compile has failed" in said
 
 
 def wheels_built(folder: Path, **environment: str) -> tuple[list[str], str]:
@@ -255,23 +242,3 @@ def test_what_the_pages_name_is_in_the_package_as_it_is_in_the_checkout():
     assert [each for each in sorted(named - of_checkouts) if f"deploy/{each}" not in packed] == []
     (compress,) = re.findall(r"dh_compress (.*)", (DEPLOY / "debian/rules").read_text())
     assert "--exclude=.conf" in compress
-
-
-def test_where_compiling_fails_the_wheel_is_pure_and_says_so(tmp_path, monkeypatch):
-    """A compiler alone is not enough: the headers of the C library may be missing, or memory."""
-    (tmp_path / "gateway").mkdir()
-    (tmp_path / "deploy").mkdir()
-    (tmp_path / "deploy/compile").write_text("import sys; sys.exit(1)")
-    hook = runpy.run_path(str(DEPLOY / "wheel_hook.py"))["CompiledModules"]
-    monkeypatch.setitem(hook.initialize.__globals__, "why_not", str)
-    monkeypatch.delenv("HATCH_BUILD_HOOK_ENABLE_CUSTOM", raising=False)
-    told, data = Told(), {"force_include": {}, "pure_python": True}
-    wheel = hook(str(tmp_path), {}, None, None, str(tmp_path), "wheel", told)
-    wheel.initialize("standard", data)
-    wheel.finalize("standard", data, "")
-    assert data == {"force_include": {}, "pure_python": True}
-    assert "not compiled" in told.warnings[0]
-    monkeypatch.setenv("HATCH_BUILD_HOOK_ENABLE_CUSTOM", "1")
-    with pytest.raises(SystemExit, match="deploy/compile has failed"):
-        wheel.initialize("standard", data)
-    wheel.finalize("standard", data, "")
