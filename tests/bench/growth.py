@@ -172,7 +172,7 @@ def main() -> int:
         if args.check and max(figures.values()) > FLAT * min(figures.values()):
             print(f"{row.what}: it grows with {row.of}", file=sys.stderr)
             has_grown = True
-        exceeded |= bool(bound) and max(figures.values()) > bound * (1 + TOLERANCE)
+        exceeded |= args.check and bool(bound) and max(figures.values()) > bound * (1 + TOLERANCE)
     if args.json:
         args.json.write_text(json.dumps(_as_json(found), indent=1) + "\n")
     if not is_comparable:
@@ -183,11 +183,12 @@ def main() -> int:
     return 1 if exceeded or has_grown else 0
 
 
-def _as_json(found: dict[str, Figures]) -> dict[str, dict[str, object]]:
-    return {
-        name: {"what": f"{row.what}, by {row.of}", "unit": row.unit, "figures": figures}
-        for name, row, figures in ((name, ROWS[name], figures) for name, figures in found.items())
-    }
+def _as_json(found: dict[str, Figures]) -> list[dict[str, object]]:
+    """What pictures.py draws."""
+    return [
+        {"name": ROWS[name].what, "size": ROWS[name].of, "unit": ROWS[name].unit, "costs": figures}
+        for name, figures in found.items()
+    ]
 
 
 def _arguments() -> argparse.Namespace:
