@@ -23,7 +23,7 @@ from gateway.routing.access import (
 from gateway.routing.deciding import Deciding, Ruling
 
 #: The most clients whose rights are cached, and the most roles.
-MOST_CLIENTS: Final = 1000
+MOST_CLIENTS: Final = 10_000
 MOST_ROLES: Final = 100
 
 
