@@ -74,7 +74,7 @@ SLOW = 7_000_000
 class Way:
     """Reads of `units`, as clients know them, `many` of them after a `few`; `lines` carry them, `more` is config.
 
-    Each read is of `count` registers; or all are `writes`, of zeros. The next one is `apart` from it, one of `places`.
+    Each read is of `count` registers. The next one is `apart` from it, one of `places`.
 
     `clients` share what is `in_flight`. `step` is how far the gateway's clock goes on at each wait, 0 for real time.
     """
@@ -86,7 +86,6 @@ class Way:
     in_flight: int = IN_FLIGHT
     more: str = ""
     count: int = COUNT
-    writes: bool = False
     apart: int = 0
     places: int = 0
     #: The device whose value the clients get at an address of the only unit; 0 for zeros.
@@ -98,7 +97,7 @@ class Way:
     @property
     def answer_size(self) -> int:
         """The size of an answer: header, unit, function, byte count, values."""
-        return 12 if self.writes else 9 + 2 * self.count
+        return 9 + 2 * self.count
 
     @property
     def addresses(self) -> range:
@@ -153,14 +152,6 @@ WAYS = {
         apart=APART,
         places=RANGES,
         few=RANGES + 400,
-    ),
-    "write": Way(
-        what="an image, written",
-        units=range(200, 201),
-        lines=_lines(0),
-        more='[[image]]\nunit = 200\nholding = "0-999"\n',
-        writes=True,
-        values_of=lambda _: 0,
     ),
     "virtual": Way(
         what="a virtual unit, 125 registers of 62 rows and 20 devices",
@@ -396,19 +387,14 @@ def _living(way: Way) -> list[int]:
 
 
 def _request(way: Way, number: int, unit: int, address: int) -> bytes:
-    values = pack(">B", 2 * way.count) + bytes(2 * way.count) if way.writes else b""
-    head = pack(">HHHBBHH", number, 0, 6 + len(values), unit, 16 if way.writes else 3, address, way.count)
-    return head + values
+    return pack(">HHHBBHH", number, 0, 6, unit, 3, address, way.count)
 
 
 def _check(answer: bytes, places: list[tuple[int, int]], way: Way) -> None:
     (number,) = unpack_from(">H", answer)
     unit, address = places[number % len(places)]
-    if way.writes:
-        expected = pack(">HHHBBHH", number, 0, 6, unit, 16, address, way.count)
-    else:
-        values = [_value(way, unit, address + i) for i in range(way.count)]
-        expected = pack(f">HHHBBB{way.count}H", number, 0, way.answer_size - 6, unit, 3, 2 * way.count, *values)
+    values = [_value(way, unit, address + i) for i in range(way.count)]
+    expected = pack(f">HHHBBB{way.count}H", number, 0, way.answer_size - 6, unit, 3, 2 * way.count, *values)
     if answer != expected:
         raise BenchError(f"a wrong answer: {answer.hex(' ')}")
 
