@@ -4,7 +4,6 @@ It is a reduced transport of asyncio, with half the instructions.
 """
 
 import asyncio
-import errno
 import os
 import socket
 from typing import Final
@@ -107,8 +106,9 @@ class TcpStream:
         user = self._user
         if user is None:
             return
-        if not self._is_reading:  # masked: only a loss is told
-            self._abort(self._loss())
+        if not self._is_reading:  # masked: it is lost, or was ready before that
+            if number := self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+                self._abort(OSError(number, os.strerror(number)))
             return
         room = user.get_buffer()
         if not len(room):
@@ -126,11 +126,6 @@ class TcpStream:
         self._has_peer_ended = True
         self._forget()
         user.eof_received()
-
-    def _loss(self) -> OSError:
-        """Return why the connection is lost."""
-        number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) or errno.ECONNRESET
-        return OSError(number, os.strerror(number))
 
     def _forget(self) -> None:
         """Receive nothing, and have the loop watch the socket no more."""

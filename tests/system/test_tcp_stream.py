@@ -220,6 +220,17 @@ async def test_a_connection_that_is_lost_in_a_pause_is_lost_at_once(stream, clie
     assert len(user.losses) == 1
 
 
+async def test_what_was_ready_before_a_pause_waits_for_its_end(stream, client, user):
+    """The loop has found it readable, and somebody else pauses it before its turn."""
+    await asyncio.sleep(0.02)
+    client.send(b"1")
+    asyncio.get_running_loop().call_soon(stream.pause_reading)
+    await asyncio.sleep(0.02)
+    assert (user.heard, user.losses) == (b"", [])
+    stream.resume_reading()
+    await until(lambda: user.heard == b"1")
+
+
 async def test_what_has_arrived_can_be_taken_at_once(stream, client, user):
     stream.pause_reading()
     room = memoryview(bytearray(10))
