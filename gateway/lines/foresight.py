@@ -4,6 +4,7 @@ Until then nobody need look at the port. What that takes, and why no byte from b
 its response then: docs/adr/0044-who-foresees-a-response.md
 """
 
+from math import inf
 from typing import Final
 
 from gateway.lines.attribution import Attribution
@@ -21,8 +22,6 @@ _MOST: Final = 1024
 _LATEST_EXCEPTION: Final = 20
 #: It is looked for so many characters before its end: the last one is read as it comes.
 _EARLIER: Final = 0.75
-#: So many characters before the end of a request it is seen whether anything has come before it.
-_BEFORE_ITS_END: Final = 0.25
 #: After a later response the next one is expected later by this share of a character at most. By more, a device that
 #: answers in its own cycle would often be sooner than expected, and be seen late.
 _LATER: Final = 1 / 8
@@ -85,8 +84,9 @@ class Foresight:
         )
 
     def disturbed(self, now: float) -> None:
-        """Note that something else than a response was received."""
+        """Note that something else than a response was received: look for each byte."""
         self._calm_at = now + CALM
+        self._pace.foresee_nothing()
 
     def begin(self, ours: Exchange, timing: LineTiming) -> None:
         """Foresee the response to a request that is sent on an undisturbed line, if the last one was as usual."""
@@ -100,8 +100,7 @@ class Foresight:
         ends_at = ours.asked_at + habit.after - _EARLIER * timing.character
         longer = size - EXCEPTION_SIZE
         begun_at = ends_at if longer <= _LATEST_EXCEPTION else ends_at - timing.frame(longer) + timing.frame(0)
-        early_until = 0.0 if self._echo.is_virtual else ours.asked_at - _BEFORE_ITS_END * timing.character
-        self._pace.foresee(early_until, begun_at, ends_at)
+        self._pace.foresee(-inf if self._echo.is_virtual else ours.asked_at, begun_at, ends_at)
 
     def answered(self, ours: Exchange, token: Token, timing: LineTiming) -> None:
         """Note the response to a request, which came alone."""

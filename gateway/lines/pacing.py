@@ -5,6 +5,7 @@ response can be complete: until then the port is not read. Why the driver does n
 docs/adr/0011-who-looks-at-each-byte.md
 """
 
+from math import inf
 from typing import Final
 
 #: An adapter may have delayed a byte by this many seconds (a USB frame); the next ones follow sooner then.
@@ -19,6 +20,8 @@ LONGEST: Final = 0.05
 LONGEST_UNPROVEN: Final = 0.002
 #: The pause in noise, in seconds: at any rate, a driver can buffer the bytes that come meanwhile.
 NOISE: Final = 0.005
+#: So many characters before the end of a request it is seen whether anything has come before it.
+_BEFORE_ITS_END: Final = 0.25
 #: The precision of a byte's time of arrival, in characters.
 _ROUGHLY: Final = 0.5
 
@@ -35,9 +38,9 @@ class Pace:
         self._first_at = 0.0
         self._first = 0
         self._came = 0
-        #: Up to when no response can come; when it is looked for, and when it is foreseen to be complete, 0 if that is
-        #: unknown; whether nobody looks.
-        self._early_until = 0.0
+        #: Up to when no response can begin, -inf if what comes is looked for; when the response is looked for, and when
+        #: it is foreseen to be complete, 0 if that is unknown; whether nobody looks.
+        self._early_until = -inf
         self._look_at = 0.0
         self._ends_at = 0.0
         self._is_awaited = False
@@ -54,21 +57,26 @@ class Pace:
     def begin(self) -> None:
         """Start anew: a request is sent."""
         self._first = self._came = self._since_silence = 0
-        self._ends_at = 0.0
         self._is_awaited = False
+        self.foresee_nothing()
 
     def foresee(self, early_until: float, look_at: float, ends_at: float) -> None:
         """Expect the response to be complete at `ends_at`; if it is not an exception, whose end is at `look_at`.
 
-        What comes before `early_until` is no response: it is looked for then.
+        What begins before `early_until` is no response: it is looked for just before.
         """
         self._early_until = early_until
         self._look_at = look_at
         self._ends_at = ends_at
 
     def foresee_nothing(self) -> None:
-        """Look for each byte: something came that is no response."""
+        """Look for each byte."""
+        self._early_until = -inf
         self._ends_at = 0.0
+
+    def is_early(self, size: int, now: float) -> bool:
+        """Tell whether so many bytes, the first that somebody looked for, cannot all have come since a response can."""
+        return now - size * self._character < self._early_until
 
     @property
     def was_there(self) -> bool:
@@ -99,7 +107,7 @@ class Pace:
             if at - now >= SHORTEST_PAUSE_CHARS * self._character:
                 self._is_awaited = True
                 return min(at, now + LONGEST)
-            self._ends_at = 0.0
+            self.foresee_nothing()
         self._is_awaited = False
         came, character = self._came - self._first, self._character
         late = now - self._first_at - came * character
@@ -113,8 +121,10 @@ class Pace:
 
     def _foreseen_at(self, missing: int, now: float) -> float:
         """Return when to look for the response, or for its rest; 0 if something else has come."""
-        if now < self._early_until:
-            return self._early_until
+        early_at = self._early_until - _BEFORE_ITS_END * self._character
+        if now < early_at:
+            return early_at
+        self._early_until = -inf
         if not self._came:
             return self._look_at
         return self._ends_at if missing else 0.0

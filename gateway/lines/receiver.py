@@ -132,8 +132,9 @@ class Receiver:
             self._foresight.disturbed(now)
             self._frames.clear()
             return self._attribute(scanner.received(data, now, damaged=damaged))
+        early = early or self._pace.is_early(len(data), now)
         if early:
-            self._pace.foresee_nothing()
+            self._foresight.disturbed(now)
         else:
             self._pace.add(len(data), now)
         if len(self._text) < _BYTES:

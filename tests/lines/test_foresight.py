@@ -195,9 +195,36 @@ async def test_a_device_that_answers_twice_for_the_first_time_is_not_believed(tw
         assert following.answer in ("83 0B", following.own)
 
 
-async def test_after_anything_that_is_no_answer_nobody_looks_away_for_a_minute() -> None:
+@pytest.mark.interpreted
+@pytest.mark.parametrize("late", [0.1, 1.0, 4.0])
+@pytest.mark.parametrize("twice", TWICE.values(), ids=TWICE)
+async def test_nor_is_it_if_the_gateway_looks_late(twice: Talk, late: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Timers come 0.05 ms late, and much later on a loaded machine: the request is complete then."""
+    monkeypatch.setattr("gateway.lines.pacing._BEFORE_ITS_END", -late)
     async with Wired(virtual=False) as wired:
-        await talks(wired, Talk(), Talk(), Talk(before=b"\x55"))
+        await talks(wired, *[Talk(delay=0.012)] * 5)
+        asked, following = await talks(wired, twice, Talk(delay=0.012))
+        assert asked.answer in ("83 0B", asked.own, "83 02")
+        assert following.answer in ("83 0B", following.own)
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize("late", [1.0, 8.0, 25.0, 40.0])
+@pytest.mark.parametrize("delay", [0.0, 0.0003, 0.004])
+async def test_an_answer_that_has_begun_when_the_gateway_looks_late_is_one(
+    delay: float, late: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with Wired(virtual=False) as wired:
+        await talks(wired, *[Talk(delay=0.035)] * 3)
+        monkeypatch.setattr("gateway.lines.pacing._BEFORE_ITS_END", -late)
+        asked = await talk(wired, Talk(delay=delay))
+        assert asked.answer == asked.own
+
+
+@pytest.mark.parametrize("disturbance", [Talk(before=b"\x55"), Talk(early=b"\x55")], ids=["before", "early"])
+async def test_after_anything_that_is_no_answer_nobody_looks_away_for_a_minute(disturbance: Talk) -> None:
+    async with Wired(virtual=False) as wired:
+        await talks(wired, Talk(), Talk(), disturbance, Talk())
         for pause, is_foreseen in [(CALM / 2, False), (CALM / 2, True)]:
             await asyncio.sleep(pause)
             asked = await talk(wired, Talk())
