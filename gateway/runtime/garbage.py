@@ -7,7 +7,8 @@ from typing import Final
 
 #: So many objects that are not freed may come without a collection.
 _MOST: Final = 200_000
-#: How many answers are being made, and whether garbage was collected before: a program around the gateway decides that.
+#: How many answers are being made, and whether garbage is collected after them: a program around the gateway decides
+#: that, unless it settles.
 _in_progress = 0
 _was_enabled = True
 
@@ -42,6 +43,8 @@ def settle() -> None:
     again after a reload, otherwise its old parts would never be freed. This call is a full collection itself. A command
     that collects nothing while it starts does so from here on.
     """
+    global _was_enabled  # noqa: PLW0603 - see above
+    _was_enabled = True
     gc.enable()
     gc.unfreeze()
     gc.collect()

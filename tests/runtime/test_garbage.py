@@ -57,3 +57,16 @@ def test_what_is_left_while_answers_are_made_is_bounded(monkeypatch):
         with no_collection():
             assert gc.isenabled()
     assert len(left) == 2000
+
+
+def test_what_settles_while_an_answer_is_made_has_garbage_collected_after_all_of_them():
+    """A command collects nothing while it starts, and may be asked for its status then."""
+    gc.disable()
+    try:
+        with no_collection():
+            settle()
+            with no_collection():
+                assert not gc.isenabled()
+        assert gc.isenabled()
+    finally:
+        gc.enable()
