@@ -106,7 +106,8 @@ class Foresight:
         """Note the response to a request, which came alone."""
         after, pdu = token.at - ours.asked_at, token.frame.pdu
         wire_time = timing.frame(len(pdu))
-        if after < wire_time - timing.character or pdu[0] & EXCEPTION_BIT:  # or the port does not keep the line's pace
+        keeps_pace = after >= wire_time - timing.character and not self._ledger.is_connected
+        if not keeps_pace or pdu[0] & EXCEPTION_BIT:
             return
         kind = _kind(ours)
         habit = self._habits.get(kind)

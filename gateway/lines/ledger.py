@@ -170,6 +170,11 @@ class Ledger:
 
     # --- exchanges that a connection may hold back ---
 
+    @property
+    def is_connected(self) -> bool:
+        """Whether the line is behind a network, which brings responses as a whole."""
+        return self._has_arrived is not None
+
     def connected(self, has_arrived: HasArrived | None) -> None:
         """Start with a new port, which holds nothing back. `has_arrived` is None unless it is a connection."""
         self._has_arrived = has_arrived

@@ -273,6 +273,20 @@ async def test_a_long_answer_is_first_looked_for_when_it_could_be_an_exception()
         assert [answer[:5] for answer in wired.client.answers] == ["03 FA"] * 3 + ["83 02"]
 
 
+async def test_a_server_that_brings_a_response_as_a_whole_may_be_quick_at_last() -> None:
+    """Where `wire` says that a real line is behind a network, and its rate is not what the config says."""
+    wired = Wired(virtual=False, looks_away=False)
+    wired.memory.has_arrived = lambda: True
+    async with wired:
+        for delay in (0.03, 0.03, 0.03, 0.003):
+            now = wired.loop.time()
+            wired.device.submit(wired.client.ask(READ_TEN, now=now), now)
+            await asyncio.sleep(REQUEST_TIME + delay)
+            wired.memory.deliver(TEN)
+            await asyncio.sleep(0.2)
+        assert [answer[:5] for answer in wired.client.answers] == ["03 14"] * 4
+
+
 async def test_a_lost_port_is_looked_at_though_the_answer_is_not_expected_yet() -> None:
     async with Wired() as wired:
         await talks(wired, Talk(delay=0.15), Talk(delay=0.15))
