@@ -4,6 +4,7 @@ from collections.abc import AsyncGenerator, Mapping
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 from gateway.control.server import carry_out
 from gateway.errors import DaemonError, WrongQuestion
@@ -38,6 +39,10 @@ async def ask(running: Running, verb: str, *, reloader: Any = NO_FILE, **details
     return answer
 
 
+async def _no_turn() -> None:
+    """Others have no turn: the loop does not go on meanwhile."""
+
+
 class ControlSocket(FakeConversation):
     """The control socket of a gateway in virtual time: operations that only let others have their turns."""
 
@@ -48,8 +53,9 @@ class ControlSocket(FakeConversation):
     def _answers_to(self, question: Question) -> list[Mapping[str, Any]]:
         answer = ask(self._running, **question)
         try:
-            while True:
-                answer.send(None)
+            with patch("gateway.clock.slices.turn", _no_turn):
+                while True:
+                    answer.send(None)
         except StopIteration as done:
             return [done.value]
         except WrongQuestion as wrong:

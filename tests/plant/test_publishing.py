@@ -349,9 +349,9 @@ async def test_points_that_were_refused_together_are_tried_together_again():
         registers, silo.holding[:] = list(silo.holding), silo.holding[:2]
         await asyncio.sleep(5.0)
         silo.holding[:] = registers
-        await asyncio.sleep(TOGETHER_AGAIN)
+        await asyncio.sleep(TOGETHER_AGAIN + 0.1)
         silo.heard.clear()
-        await asyncio.sleep(9.9)
+        await asyncio.sleep(10.0)
         assert {pdu: reads(silo).count(pdu) for pdu in set(reads(silo))} == {
             "0300000003": 20,
             "0100030001": 20,

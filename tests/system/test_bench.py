@@ -16,8 +16,8 @@ FAULTS = ("wrong", "lost", "exceptions", "line faults")
 pytestmark = pytest.mark.needs("cc")
 
 
-def measured(folder: Path, **environment: str) -> tuple[int, list[int]]:
-    """The exit code, and how many of each fault are shown, for `kit/naive_gateway.py` in the gateway's place."""
+def measured(folder: Path, **environment: str) -> tuple[int, list[str]]:
+    """The exit code, and the faults that are shown, for `kit/naive_gateway.py` in the gateway's place."""
     package = folder / "gateway" / "cli"
     package.mkdir(parents=True)
     for each in (package, package.parent):
@@ -27,17 +27,15 @@ def measured(folder: Path, **environment: str) -> tuple[int, list[int]]:
     bench = [sys.executable, TESTS / "bench" / "bench.py", "line19200", "--rounds", "1", "--seconds", "2"]
     own = os.environ | environment | {"PYTHONPATH": str(folder)}
     ended = subprocess.run(bench, capture_output=True, text=True, check=False, timeout=PATIENCE, env=own)
-    assert len(ended.stdout.splitlines()) == 3, ended.stderr
-    titles, _, cells = ([cell.strip() for cell in row.split("|")] for row in ended.stdout.splitlines())
-    return ended.returncode, [int(cells[titles.index(fault)]) for fault in FAULTS]
+    rows = [[cell.strip() for cell in row.split("|")] for row in ended.stdout.splitlines()]
+    (told,) = (row[rows[0].index("faults")] for row in rows if "gateway" in row)
+    return ended.returncode, [fault for fault in FAULTS if fault in told]
 
 
 def test_a_gateway_without_a_fault_passes(tmp_path: Path) -> None:
-    assert measured(tmp_path) == (0, [0, 0, 0, 0])
+    assert measured(tmp_path) == (0, [])
 
 
 @pytest.mark.search
 def test_each_fault_is_counted_and_ends_the_benchmark_with_status_1(tmp_path: Path) -> None:
-    status, faults = measured(tmp_path, FAULTY="1")
-    assert status == 1
-    assert all(faults), dict(zip(FAULTS, faults, strict=True))
+    assert measured(tmp_path, FAULTY="1") == (1, [*FAULTS])
