@@ -29,7 +29,7 @@ from kit.stepping_loop import descriptors
 READ = bytes.fromhex("00 01 00 00 00 06 01 03 00 00 00 01")
 RESPONSE = bytes.fromhex("00 01 00 00 00 05 01 03 02 00 07")
 READ_IMAGE, RESPONSE_OF_IMAGE = READ[:6] + b"\x09" + READ[7:], RESPONSE[:6] + b"\x09" + RESPONSE[7:]
-LINE = '[[line]]\nname = "hall"\nport = "{port}"\ntimeout = "5 s"\ndevices = [{{ unit = 1 }}]\n'
+LINE = '[[line]]\nname = "hall"\nport = "{port}"\ntimeout = "2 s"\ndevices = [{{ unit = 1 }}]\n'
 LISTEN = '[[listen]]\nbind = "tcp://127.0.0.1:0"\n'
 
 
