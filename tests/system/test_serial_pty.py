@@ -279,6 +279,7 @@ async def test_a_driver_that_hangs_at_open_holds_nobody_up(virtual, user, monkey
     [SerialException(errno.EIO, "lost"), OSError(errno.EIO, "lost"), termios.error(errno.EIO, "lost")],
     ids=["SerialException", "OSError", "termios.error"],
 )
+@pytest.mark.interpreted
 @pytest.mark.parametrize("call", ["read", "write"])
 async def test_each_way_in_which_a_driver_reports_a_vanished_device_is_a_loss(virtual, user, monkeypatch, error, call):
     async with opened(virtual.path, user) as port:
