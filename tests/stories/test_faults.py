@@ -138,7 +138,7 @@ async def test_it_notices_a_gateway_that_keeps_connections_to_servers_that_stall
         return connect(server, user)
 
     monkeypatch.setattr(StallingServer, "open_port", as_a_port)
-    assert await is_noticed(play(transactions=20_000, share=0.2, seed=4))
+    assert await is_noticed(play(transactions=20_000, share=0.2, seed=5))
 
 
 @pytest.mark.search
