@@ -117,6 +117,7 @@ class Foresight:
             self._habits[kind] = Habit(after)
         elif self._pace.was_there:
             habit.was_there(timing.character)
+            self.disturbed(token.at)  # it was read late, perhaps as this machine is: that costs the line's time
         else:
             habit.came(after, wire_time, timing.character)
 
