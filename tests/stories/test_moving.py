@@ -14,12 +14,12 @@ from soak.worlds.moving import play
 pytestmark = pytest.mark.search
 
 
-async def played(seed: int = 4, transactions: int = 15_000) -> Tally:
-    return await play(transactions, share=0.2, seed=seed)
+async def played(seed: int) -> Tally:
+    return await play(transactions=15_000, share=0.2, seed=seed)
 
 
 async def test_fifteen_thousand_transactions_and_no_wrong_answer() -> None:
-    tally = await played()
+    tally = await played(4)
     assert tally.wrong == []
     assert sum(count for (_, outcome), count in tally.outcomes.items() if outcome == "right data") > 10_000
     assert min(tally.counts["refused moves"], tally.counts["addresses set by hand"], tally.counts["spares"]) > 5
@@ -32,7 +32,7 @@ async def test_it_notices_what_is_asked_while_a_move_or_a_late_answer_is_awaited
         return late.asked.function == other.asked.function and late.unit == other.device.unit
 
     monkeypatch.setattr(Exchange, "forbids", forbids_the_same)
-    assert await is_noticed(played(seed=3))
+    assert await is_noticed(played)
 
 
 @pytest.mark.interpreted
@@ -46,7 +46,7 @@ async def test_it_notices_a_gateway_that_asks_where_the_config_says(monkeypatch)
             device.unit = device.settings.unit
 
     monkeypatch.setattr(MovableDevice, "_failed", try_configured)
-    assert await is_noticed(played(transactions=4_000))
+    assert await is_noticed(played)
 
 
 @pytest.mark.interpreted
@@ -55,10 +55,10 @@ async def test_it_notices_a_restart_that_forgets_an_unanswered_move(monkeypatch)
     monkeypatch.setattr(
         Memory, "remember", lambda memory, key, configured, now, *_: remember(memory, key, configured, now)
     )
-    assert await is_noticed(played(transactions=2_000))
+    assert await is_noticed(played)
 
 
 @pytest.mark.interpreted
 async def test_it_notices_a_broadcast_of_an_address(monkeypatch) -> None:
     monkeypatch.setattr(EveryQuirkyDevice, "check", EveryDevice.check)
-    assert await is_noticed(played(transactions=2000))
+    assert await is_noticed(played)
