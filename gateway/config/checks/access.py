@@ -36,6 +36,7 @@ def check_access(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
         yield from _defaults(config)
     if "access" not in failed:
         yield from _check_reads(config.access)
+        yield from _check_refused(config)
     for listen in config.listen:
         yield from _check_reserve(listen, config, failed)
     for row in config.access:
@@ -77,6 +78,15 @@ def _check_reads(rows: tuple[Access, ...]) -> Iterator[Problem]:
         key = "allow" if first.allow else "functions"
         what = "no row of [[access]] lets a client read: clients that match no row are refused"
         yield warning((*first.path, key), what, 'allow = ["read", "write"], or a last row allow = ["read"]')
+
+
+def _check_refused(config: Config) -> Iterator[Problem]:
+    """Warn of rows that all name `control`, `web` and the like: any row ends the defaults for every client."""
+    rows = config.access
+    is_for_nobody = all(row.listen and set(row.listen) <= set(RESERVED) for row in rows)
+    if config.listen and is_for_nobody and any(row.allow for row in rows):
+        what = "no row of [[access]] is for a [[listen]]: all clients that connect there are refused"
+        yield warning((*rows[0].path, "listen"), what, 'add a last row allow = ["read"]')
 
 
 def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> Iterator[Problem]:

@@ -81,6 +81,14 @@ def test_rows_that_let_nobody_read_are_worth_a_look(key, row):
     assert problems(f"{SCADA}[[access]]\nunits = 8\n{row}[[access]]\n{READ}") == []
 
 
+def test_rows_for_the_control_socket_alone_leave_other_clients_nothing():
+    control = 'listen = ["control"]\nallow = ["read", "write"]\n'
+    what = "no row of [[access]] is for a [[listen]]: all clients that connect there are refused"
+    assert access(control) == [f'warning: access[0].listen: {what} | add a last row allow = ["read"]']
+    assert access(control, READ) == []
+    assert access('listen = ["control"]\nallow = []\n') == []
+
+
 @pytest.mark.parametrize("row", ["", 'allow = ["read"]\nfunctions = [3]\n'])
 def test_a_row_says_in_one_way_what_it_allows(row):
     remedy = 'such as allow = ["read", "write"]; allow = [] refuses everything'
