@@ -122,7 +122,7 @@ def test_what_needs_an_operator_is_a_warning_or_worse():
 
 @pytest.mark.parametrize("event", ALL, ids=lambda event: event.name)
 def test_the_operator_can_look_it_up(event):
-    page = (Path(__file__).parents[1] / "docs" / "operations.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
     assert any(f"`{event.name}`" in row for row in rows)
 

@@ -135,7 +135,7 @@ def test_a_package_index_can_follow_every_link_of_the_readme(wheel):
 def test_every_link_of_the_readme_leads_to_what_is_there(wheel):
     """As it is rewritten for an index: the path behind the version is one of the checkout's."""
     targets = re.findall(r"\]\(https://[^)]*/(?:blob|raw)/v[\d.]+/([^)#]+)", member(wheel, "METADATA"))
-    assert "docs/operations.md" in targets
+    assert "docs/lines-and-devices.md" in targets
     assert [target for target in targets if not (CHECKOUT / target).exists()] == []
 
 

@@ -57,5 +57,5 @@ def check_shared_ports(config: Config) -> Iterator[Problem]:
         is_low = listen.bind.port < _FIRST_FREE_PORT
         if first is not None and is_low and not listen.bind.collides_with(first.bind):
             what = f"the service does not start with it and {first.place}, unless modbus-gateway.socket names both"
-            remedy = 'its [::] takes clients of every address; for both see "Other addresses" in docs/operations.md'
+            remedy = 'its [::] takes clients of every address; for both see "Other addresses" in docs/service.md'
             yield warning((*listen.path, "bind"), what, remedy)

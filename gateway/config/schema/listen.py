@@ -29,7 +29,7 @@ class Listen(Table):
     clients: Count = Field(
         32,
         description="Maximum number of connections; with `udp://` of clients. When it is reached, a new client "
-        "replaces one without a request in progress, in [this order](operations.md#when-a-listener-is-full).",
+        "replaces one without a request in progress, in [this order](clients-and-rights.md#when-a-listener-is-full).",
     )
     reserve: Annotated[int, Field(ge=0)] = Field(
         0,

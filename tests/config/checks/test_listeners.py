@@ -96,6 +96,6 @@ def test_a_port_of_the_socket_unit_is_not_shared_unless_that_says_so(one, other,
     text = LINE + f'[[listen]]\nbind = "{one}"\n[[listen]]\nbind = "{other}"\n'
     told = (
         "warning: listen[1].bind: the service does not start with it and gateway.toml:5, unless modbus-gateway.socket "
-        'names both | its [::] takes clients of every address; for both see "Other addresses" in docs/operations.md'
+        'names both | its [::] takes clients of every address; for both see "Other addresses" in docs/service.md'
     )
     assert [said for said in problems(text) if "does not start" in said] == [told] * is_told
