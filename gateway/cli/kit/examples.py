@@ -42,7 +42,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "scan": (("scan hall-a", "ask which units are on a line, in its idle time"),),
     "trace": (("trace hall-a --since 5min", "the frames of the last five minutes"),),
     "events": (
-        ("events --since 24h --worst", "the warnings and errors of a day; docs/troubleshooting.md says what each means"),
+        ("events --since 24h --worst", "the warnings and errors of a day; what each means: docs/troubleshooting.md"),
         ("events -f --line hall-a", "what happens on a line, with its units and those who ask them, until Ctrl-C"),
         ("events --unit silo-1 --json", "the last events of a unit, for a script"),
     ),
