@@ -1,0 +1,61 @@
+// Asks the search of the site as users do, and fails if the right page is not the first hit: node tests/docs/first_hits.js dist/site
+"use strict";
+const { readFileSync } = require("node:fs");
+const { join } = require("node:path");
+const vm = require("node:vm");
+
+/** What users type, and the page that they should find first; with `#`, the section too. */
+const SOUGHT = {
+  "word order": "addressing",
+  "exception 0B": "troubleshooting#exceptions-from-the-gateway",
+  "two masters": "lines-and-devices#rs-485-notes",
+  "permission denied": "service#permissions",
+  slow: "troubleshooting",
+  "baud rate": "lines-and-devices",
+  "home assistant": "plant#home-assistant",
+  backup: "service#backup",
+  "write a register": "tools#read-and-write-values",
+  "RS-485 termination": "wiring",
+  timeout: "lines-and-devices#choosing-time-limits",
+  "unit 0 broadcast": "clients-and-rights",
+  "TLS certificate": "certificates",
+  docker: "service#in-a-container",
+  "several clients": "clients-and-rights",
+  "modbus over serial server": "lines-and-devices#device-servers",
+  kepware: "coming-from",
+  simulate: "tools#try-it-without-a-device",
+  "user password": "web#access-from-other-machines",
+  "mqtt outage": "plant#while-the-broker-is-away",
+};
+
+/** The search that Sphinx has put into the site, with an index and without a page. */
+function searchOf(site) {
+  const page = {
+    document: { addEventListener() {}, getElementById: () => ({}) },
+    addEventListener() {},
+    Documentation: { ready() {} },
+    _ready() {},
+    _: (text) => text,
+    SPHINX_HIGHLIGHT_ENABLED: false,
+  };
+  page.window = vm.createContext(page);
+  for (const file of ["_static/searchtools.js", "_static/language_data.js", "searchindex.js"])
+    vm.runInContext(readFileSync(join(site, file), "utf8"), page);
+  const engine = vm.runInContext("Search", page);
+  return (query) => {
+    const [asked, ...terms] = engine._parseQuery(query);
+    return engine._performSearch(asked, ...terms).reverse().map(([name, , anchor]) => name + anchor);
+  };
+}
+
+const search = searchOf(process.argv[2] ?? "dist/site");
+let missed = 0;
+for (const [query, wanted] of Object.entries(SOUGHT)) {
+  const hits = search(query);
+  const rank = hits.findIndex((hit) => hit === wanted || hit.split("#")[0] === wanted) + 1;
+  if (rank !== 1) missed++;
+  if (rank !== 1 || process.argv.includes("-v"))
+    console.log(`${query}: ${rank ? `rank ${rank}` : "not found"}: ${wanted}; first is ${hits[0] ?? "nothing"}`);
+}
+console.log(`${Object.keys(SOUGHT).length - missed} of ${Object.keys(SOUGHT).length} find their page first`);
+process.exitCode = missed ? 1 : 0;
