@@ -198,8 +198,12 @@ def renew(page: Any) -> None:
     page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
 
 
+#: Devices whose values the picture of all values shows.
+_SHOWN = ("meter-lab", "climate")
+
+
 def take_pictures(folder: Path) -> None:
-    """The page of a line with a transaction that is pointed at, the overview, and the values of a unit."""
+    """The page of a line with a transaction that is pointed at, the values of all devices, and those of a unit."""
     folder.mkdir(parents=True, exist_ok=True)
     with demo_page() as address, chromium() as browser:
         page = browser.new_page(viewport={"width": 1120, "height": 1000}, color_scheme="light", **MOVING)
@@ -213,9 +217,13 @@ def take_pictures(folder: Path) -> None:
                 break
         page.wait_for_timeout(600)
         _take(page, page.locator("figure.strip"), folder / "line.png")
-        page.goto(address)
+        page.goto(f"{address}/values")
         page.wait_for_timeout(11_000)
-        _take(page, page.locator("section[data-keep=strips]"), folder / "overview.png")
+        for device in page.locator("main details").all():
+            if device.locator("summary").inner_text().split()[0] not in _SHOWN and device.evaluate("(each) => each.open"):
+                device.locator("summary").click()
+        page.wait_for_timeout(600)
+        page.screenshot(path=folder / "page.png", clip={"x": 0, "y": 0, "width": 1120, "height": 828})
         page.goto(f"{address}/units/meter-hall?trend=active-power")
         page.wait_for_timeout(3_000)
         top = page.locator("h1").bounding_box()["y"] - 12
