@@ -219,9 +219,9 @@ def take_pictures(folder: Path) -> None:
         _take(page, page.locator("figure.strip"), folder / "line.png")
         page.goto(f"{address}/values")
         page.wait_for_timeout(11_000)
-        for device in page.locator("main details").all():
-            if device.locator("summary").inner_text().split()[0] not in _SHOWN and device.evaluate("(each) => each.open"):
-                device.locator("summary").click()
+        for device in page.locator("main details[open] > summary").element_handles():
+            if device.inner_text().split()[0] not in _SHOWN:
+                device.click()
         page.wait_for_timeout(600)
         page.screenshot(path=folder / "page.png", clip={"x": 0, "y": 0, "width": 1120, "height": 828})
         page.goto(f"{address}/units/meter-hall?trend=active-power")
