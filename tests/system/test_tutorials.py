@@ -1,4 +1,4 @@
-"""Tutorials and the Chinese quick start, done as they are written: each file, each command, each output."""
+"""Tutorials, done as they are written: each file, each command, each output."""
 
 import os
 import re
@@ -17,7 +17,7 @@ from kit.process import COMMAND, PATIENCE, preparations
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [
     pytest.param(page, marks=pytest.mark.needs("mbpoll") if "$ mbpoll " in page.read_text(encoding="utf-8") else ())
-    for page in (*sorted(DOCS.glob("tutorials/*.md")), DOCS / "zh" / "index.md")
+    for page in sorted(DOCS.glob("tutorials/*.md"))
 ]
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _FILE = re.compile(r"# (\S+\.toml)\n")
