@@ -1,6 +1,6 @@
 """Requests and responses in words: what is asked, at which addresses, and the values.
 
-`word` translates an English word into another language.
+`word` translates an English text into another language.
 """
 
 from collections.abc import Callable, Mapping
@@ -58,9 +58,9 @@ def request_in_words(pdu: bytes, word: Word = str) -> str:
         return f"{_function(pdu[0], word)}: {pdu.hex(' ').upper()}"
     parts = []
     if asked.write is not None:
-        parts.append(f"{word('write')} {_span(asked.write, word)}{_written(asked, word)}")
+        parts.append(_span(word("write %(area)s %(addresses)s"), asked.write, word) + _written(asked, word))
     if asked.read is not None:
-        parts.append(f"{word('read')} {_span(asked.read, word)}")
+        parts.append(_span(word("read %(area)s %(addresses)s"), asked.read, word))
     return ", ".join(parts) or f"{_function(pdu[0], word)}{_rest(pdu)}"
 
 
@@ -78,8 +78,8 @@ def response_in_words(request: bytes, response: bytes, word: Word = str) -> str:
 
 def exception_in_words(code: int, word: Word = str) -> str:
     """Name an exception, with its code."""
-    name = f", {word(EXCEPTIONS[code])}" if code in EXCEPTIONS else ""
-    return f"{word('exception')} {code:02X}{name}"
+    told = word("exception %(code)s") % {"code": f"{code:02X}"}
+    return f"{told}, {word(EXCEPTIONS[code])}" if code in EXCEPTIONS else told
 
 
 def frame_in_words(frame: bytes, *, is_request: bool, word: Word = str) -> str:
@@ -97,18 +97,20 @@ def _parsed(pdu: bytes) -> RequestPdu | None:
 
 
 def _function(code: int, word: Word) -> str:
-    return f"{code:02} {word(FUNCTIONS[code])}" if code in FUNCTIONS else f"{word('function')} {code}"
+    return f"{code:02} {word(FUNCTIONS[code])}" if code in FUNCTIONS else word("function %(code)s") % {"code": code}
 
 
 def _rest(pdu: bytes) -> str:
     return f": {pdu[1:].hex(' ').upper()}" if len(pdu) > 1 else ""
 
 
-def _span(span: Span, word: Word) -> str:
+def _span(text: str, span: Span, word: Word) -> str:
     first, last = span.start, span.end - 1
     if first == last:
-        return f"{word(span.area)} {first} ({reference(span.area, first)})"
-    return f"{word(span.area)} {first}-{last} ({reference(span.area, first)}-{reference(span.area, last)})"
+        addresses = f"{first} ({reference(span.area, first)})"
+    else:
+        addresses = f"{first}-{last} ({reference(span.area, first)}-{reference(span.area, last)})"
+    return text % {"area": word(span.area), "addresses": addresses}
 
 
 def _written(asked: RequestPdu, word: Word) -> str:
@@ -130,4 +132,6 @@ def _values(span: Span, data: bytes, word: Word) -> str:
         size = WIDE_REGISTER if len(data) == WIDE_REGISTER * span.count else REGISTER
         values = [int.from_bytes(data[at : at + size]) for at in range(0, len(data), size)]
     shown = " ".join(map(str, values[:_MOST]))
-    return f"{shown} {word('and')} {len(values) - _MOST} {word('more')}" if len(values) > _MOST else shown
+    if len(values) <= _MOST:
+        return shown
+    return word("%(values)s and %(count)s more") % {"values": shown, "count": len(values) - _MOST}

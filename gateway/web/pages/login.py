@@ -20,6 +20,7 @@ from gateway.web.front.problems import Handler, ProblemError
 from gateway.web.front.settings import WebSettings
 from gateway.web.pages.addresses import see_other
 from gateway.web.pages.renderer import Renderer
+from gateway.web.text.words import N_
 
 #: Logins that wait at a time: each of them takes some tenths of a second of one processor.
 MOST_LOGINS: Final = 8
@@ -68,9 +69,9 @@ class LoginPage:
         address = self._share_keys.of(visitor.host, now())
         user = self._table.users.get(name)
         if wait := self._attempts.wait(address, user, now()):
-            return await self._refused(request, 429, "Too many wrong passwords: try again later.", ceil(wait))
+            return await self._refused(request, 429, N_("Too many wrong passwords: try again later."), ceil(wait))
         if self._logins >= MOST_LOGINS:
-            return await self._refused(request, 503, "Too many logins at once: try again.", 2)
+            return await self._refused(request, 503, N_("Too many logins at once: try again."), 2)
         self._logins += 1
         try:
             async with self._one_login_at_a_time:
@@ -81,7 +82,7 @@ class LoginPage:
         if user is None or not is_right:
             self._attempts.failed(address, user, now())
             self._emit(WebLoginFailed(visitor.client, user.name if user else ""))
-            return await self._refused(request, 401, "User or password is wrong.")
+            return await self._refused(request, 401, N_("User or password is wrong."))
         self._attempts.succeeded(address, user, now())
         self._sessions.close(visitor.token)
         token, session = self._sessions.open(user, now())

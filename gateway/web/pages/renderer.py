@@ -20,7 +20,7 @@ from gateway.web.front.problems import Handler
 from gateway.web.front.turns import Turns
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.head import Heads
-from gateway.web.text.languages import LANGUAGES, Language, Texts, keep_language, language_of
+from gateway.web.text.languages import LANGUAGES, Language, keep_language, language_of, texts_of, word_of
 from gateway.web.text.themes import DARK, keep_theme, theme_of
 
 FOLDER: Final = Path(__file__).parent / "templates"
@@ -129,10 +129,10 @@ def _templates(language: Language, assets: Assets) -> Environment:
         bytecode_cache=_COMPILED,
         extensions=["jinja2.ext.i18n"],
     )
-    texts = Texts(language)
-    templates.install_gettext_callables(texts.text, texts.counted, newstyle=True)  # type: ignore[attr-defined]
+    texts = texts_of(language)
+    templates.install_gettext_translations(texts, newstyle=True)  # type: ignore[attr-defined]
     templates.globals |= {
-        "word": texts.word,
+        "word": word_of(texts),
         "language": language,
         "asset": assets.address,
         "version": __version__,

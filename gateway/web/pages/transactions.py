@@ -8,9 +8,14 @@ from typing import Any, Final
 from gateway.operator.answers.trace import Fact
 from gateway.operator.meanings import FEW, Points
 from gateway.trace.pdus import frame_in_words, request_in_words, response_in_words
+from gateway.web.text.words import N_
 
-#: What has no name of its own in the records.
-_OWNERS: Final = {"noise": "noise", "a damaged frame": "broken frame", "a late response": "late response"}
+#: What was heard, by its owner, if it is not only foreign traffic.
+_HEARD: Final = {
+    "noise": N_("noise"),
+    "a damaged frame": N_("broken frame"),
+    "a late response": N_("late response"),
+}
 _ABSENT: Final = dict.fromkeys(
     (
         *("unit", "name", "client", "address", "request", "response", "heard", "frame", "reason"),
@@ -40,16 +45,16 @@ def state(fact: Mapping[str, Any]) -> str:
     """Classify the transaction: see `transactions.js`."""
     kind, response = fact["kind"], fact.get("response")
     if kind == "answered":
-        return ("exception" if response[0] >= "8" else "answered") if response else "not answered"
+        return (N_("exception") if response[0] >= "8" else N_("answered")) if response else N_("not answered")
     if kind == "heard":
-        return _OWNERS.get(fact["owner"], "foreign traffic")
+        return _HEARD.get(fact["owner"], N_("foreign traffic"))
     if kind != "exchange":
-        return {"refused": "not sent"}.get(kind, "port")
+        return N_("not sent") if kind == "refused" else N_("port")
     if fact.get("heard"):
-        return "broken frame"
+        return N_("broken frame")
     if fact.get("result", "timeout" if fact.get("sent_again") else ""):
-        return "time-out" if fact.get("result", "timeout") == "timeout" else "no valid response"
-    return "exception" if response and response[0] >= "8" else "ok"
+        return N_("time-out") if fact.get("result", "timeout") == "timeout" else N_("no valid response")
+    return N_("exception") if response and response[0] >= "8" else N_("ok")
 
 
 def asked(row: Mapping[str, Any], word: Any) -> str:
@@ -64,8 +69,9 @@ def asked(row: Mapping[str, Any], word: Any) -> str:
 
 def outcome(row: Mapping[str, Any], word: Any) -> str:
     """Write what came of it."""
+    owner, result = row.get("owner"), row.get("result")
     if row["kind"] == "heard":
-        return word(_OWNERS.get(row["owner"], row["owner"])) if row["owner"] != "noise" else row["frame"] or ""
+        return word(owner) if owner != "noise" else row["frame"] or ""
     if row["response"]:
         return response_in_words(bytes.fromhex(row["request"]), bytes.fromhex(row["response"]), word)
-    return row["reason"] or (word(row["result"]) if row["kind"] == "refused" else "")
+    return row["reason"] or (word(result) if row["kind"] == "refused" else "")

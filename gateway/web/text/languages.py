@@ -1,11 +1,11 @@
-"""The languages of the pages: English, in which templates are written, and tables of translations.
+"""The languages of the pages: English, in which templates and scripts are written, and those with a catalogue.
 
-`translations/CODE/PAGE.json` has the texts of `templates/PAGE.html`. The other files there have words that come from
-the gateway, states and results; English has some of these too, for names that are no words, as `bad_frame`.
+Translators edit `CODE/LC_MESSAGES/messages.po`. `python -m deploy.translations` puts new texts into it, and compiles
+it: for gettext, and for scripts (`pages/static/texts`).
 """
 
-import json
-from collections.abc import Mapping
+import gettext
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -13,8 +13,9 @@ from typing import Final
 from aiohttp import web
 
 from gateway.web.text.cookies import cookie, keep
+from gateway.web.text.words import ENGLISH as ENGLISH_OF
 
-FOLDER: Final = Path(__file__).parent / "translations"
+FOLDER: Final = Path(__file__).parent
 #: What a browser keeps the choice in.
 COOKIE: Final = "mbgw-lang"
 #: This many languages of an Accept-Language are looked at: browsers send fewer.
@@ -69,23 +70,18 @@ def _quality(parameter: str) -> float:
         return 0.0
 
 
-class Texts:
-    """The texts of the pages in one language. Reading them takes some milliseconds."""
+def texts_of(language: Language) -> gettext.NullTranslations:
+    """Read the texts of a language; what has no translation stays English."""
+    return gettext.translation("messages", FOLDER, [language.code], fallback=language is ENGLISH)
 
-    def __init__(self, language: Language) -> None:
-        self._table: dict[str, str] = {}
-        for file in sorted((FOLDER / language.code).glob("*.json")):
-            self._table.update(json.loads(file.read_text(encoding="utf-8")))
 
-    def text(self, english: str) -> str:
-        """Translate a text of a template; what has no translation stays English."""
-        return self._table.get(english, english)
+def word_of(texts: gettext.NullTranslations) -> Callable[[str], str]:
+    """Make what translates a word of the gateway, also with the code of an exception: `timeout`, `exception 0A`."""
 
-    def word(self, english: str) -> str:
-        """Translate a word of the gateway, also with the code of an exception: `timeout`, `exception 0A`."""
-        name, space, code = english.partition(" ")
-        return self.text(name) + space + code if name == "exception" else self.text(english)
+    def word(name: str) -> str:
+        what, _, code = name.partition(" ")
+        if what == "exception" and len(code) == len("0A"):
+            return texts.gettext("exception %(code)s") % {"code": code}
+        return name and texts.gettext(ENGLISH_OF.get(name, name))
 
-    def counted(self, one: str, many: str, count: int) -> str:
-        """Translate a text that differs with a number; the table has the plural."""
-        return self._table.get(many, one if count == 1 else many)
+    return word

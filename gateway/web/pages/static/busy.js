@@ -1,11 +1,10 @@
 // Draws the busy share of a line with uPlot, over a day or a week; without it the server's own picture stays.
-import { textsOf } from "./texts.js";
+import { axis, colour, ticks, timeOf } from "./plots.js";
 import { percent } from "./quantities.js";
+import { _, ngettext } from "./texts.js";
 
-const TEXTS = await textsOf("busy");
 const EVERY = 60000; // milliseconds
 const SPANS = [24, 168]; // hours
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 async function fetched(line, hours) {
   const response = await fetch(`/api/v1/lines/${encodeURIComponent(line)}/history?hours=${hours}`, { redirect: "error" });
@@ -17,7 +16,7 @@ async function fetched(line, hours) {
   const oldest = Math.min(last, ...known.keys()), shown = [1, 3, 6, 12, 24].find((each) => oldest > last - each * 3600) ?? hours;
   const length = (Math.min(hours, shown) * 3600) / step;
   // The end of the last slot is a place, too: a step ends at the next one.
-  const times = Array.from({ length: length + 1 }, (_, place) => last - step * (length - place - 1));
+  const times = Array.from({ length: length + 1 }, (_each, place) => last - step * (length - place - 1));
   const column = (value) => times.map((time) => known.get(Math.min(time, last))).map((slot) => (slot ? value(slot) : null));
   return [times, column((slot) => slot.busy_share), column((slot) => (slot.sent ? slot.failed / slot.sent : 0))];
 }
@@ -32,7 +31,7 @@ class Busy {
     this.buttons = SPANS.map((hours) => {
       const button = document.createElement("button");
       button.type = "button";
-      button.textContent = TEXTS.span(hours);
+      button.textContent = hours > 24 ? ngettext("%(count)s day", "%(count)s days", hours / 24) : ngettext("%(count)s hour", "%(count)s hours", hours);
       button.addEventListener("click", () => this.show(hours));
       bar.append(button);
       return button;
@@ -63,20 +62,16 @@ class Busy {
   }
 
   options() {
-    const axis = { stroke: colour("--quiet"), grid: { stroke: colour("--grid"), width: 1 }, ticks: { stroke: colour("--grid"), width: 1 }, font: "12px system-ui, sans-serif" };
-    const share = (_, value) => (value === null || value === undefined ? "–" : percent(value));
-    const clock = new Intl.DateTimeFormat(document.documentElement.lang, { weekday: "short", hour: "2-digit", minute: "2-digit" });
-    const date = (_, value) => (value ? clock.format(value * 1000) : "–");
-    const times = (_, values) => values.map((value) => TEXTS.tick(new Date(value * 1000), this.hours > 24));
+    const share = (_plot, value) => (value === null || value === undefined ? "–" : percent(value));
     return {
       ...this.size(),
       cursor: { drag: { x: true, y: false } },
       scales: { y: { range: [0, 1] } },
-      axes: [{ ...axis, values: times }, { ...axis, values: (_, values) => values.map((value) => `${Math.round(100 * value)} %`), size: 56 }],
+      axes: [{ ...axis(), values: (_plot, times) => ticks(times, this.hours > 24) }, { ...axis(), values: (_plot, values) => values.map((value) => `${Math.round(100 * value)} %`), size: 56 }],
       series: [
-        { label: TEXTS.time, value: date },
-        { label: TEXTS.busy, stroke: colour("--accent"), width: 1.5, fill: colour("--accent") + "33", paths: uPlot.paths.stepped({ align: 1 }), spanGaps: false, points: { show: false }, value: share },
-        { label: TEXTS.failed, stroke: colour("--bad"), width: 1.5, dash: [4, 3], paths: uPlot.paths.stepped({ align: 1 }), spanGaps: false, points: { show: false }, value: share },
+        { label: _("Time"), value: timeOf },
+        { label: _("Busy"), stroke: colour("--accent"), width: 1.5, fill: colour("--accent") + "33", paths: uPlot.paths.stepped({ align: 1 }), spanGaps: false, points: { show: false }, value: share },
+        { label: _("Requests without an answer"), stroke: colour("--bad"), width: 1.5, dash: [4, 3], paths: uPlot.paths.stepped({ align: 1 }), spanGaps: false, points: { show: false }, value: share },
       ],
     };
   }

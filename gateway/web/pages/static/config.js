@@ -1,6 +1,6 @@
 // A text of the config as it is written: lines with numbers, what check says beside them, and completion of keys.
 // Without this, the form does the same by a page for each check. Tab leaves the text, as in every form.
-import { textsOf } from "./texts.js";
+import { _ } from "./texts.js";
 import { completing } from "./completion.js";
 
 const form = document.querySelector("form[data-change]");
@@ -73,8 +73,7 @@ function editor(area) {
   };
 }
 
-async function start() {
-  const TEXTS = await textsOf("config");
+function start() {
   const area = form.elements.text, state = form.querySelector("[data-state]"), result = document.querySelector("[data-result]");
   const shown = editor(area);
   let asked = 0, timer = 0;
@@ -94,7 +93,7 @@ async function start() {
   async function check() {
     clearTimeout(timer);
     const own = ++asked;
-    state.textContent = TEXTS.checking;
+    state.textContent = _("Checking …");
     try {
       const body = new URLSearchParams([...new FormData(form), ["only_result", ""]]);
       const response = await fetch(form.action, { method: "POST", body, headers: { Accept: "text/html" }, signal: AbortSignal.timeout(PATIENCE) });
@@ -105,7 +104,7 @@ async function start() {
       state.textContent = result.querySelector(".state").textContent;
       show();
     } catch (error) {
-      if (own === asked) state.textContent = `${TEXTS.failed}: ${error.message}`;
+      if (own === asked) state.textContent = `${_("Not checked")}: ${error.message}`;
     }
   }
 

@@ -1,7 +1,6 @@
 // Keeps the title, the icon and the facts of the head fresh, and lets the gateway's clock go on between two looks at it.
-import { textsOf } from "./texts.js";
+import { _ } from "./texts.js";
 
-const TEXTS = await textsOf("head");
 const APART = 5; // seconds by which the clocks of gateway and browser may differ unsaid
 const difference = document.createElement("span"); // between them, if it is large
 difference.className = "apart";
@@ -15,7 +14,9 @@ function read(received) {
   ahead = Date.parse(dateTime) - received;
   zone = (sign + 1) * (60 * hours + Number(minutes)) * 60000;
   const seconds = Math.abs(ahead) / 1000;
-  difference.textContent = seconds > APART ? TEXTS.apart(seconds < 120 ? `${seconds.toFixed(0)} s` : seconds < 7200 ? `${(seconds / 60).toFixed(0)} min` : `${(seconds / 3600).toFixed(0)} h`, ahead > 0) : "";
+  const time = seconds < 120 ? `${seconds.toFixed(0)} s` : seconds < 7200 ? `${(seconds / 60).toFixed(0)} min` : `${(seconds / 3600).toFixed(0)} h`;
+  const apart = ahead > 0 ? _("%(time)s ahead of your clock", { time }) : _("%(time)s behind your clock", { time });
+  difference.textContent = seconds > APART ? ` · ${apart}` : "";
   clock.after(difference);
 }
 

@@ -1,8 +1,8 @@
 // Tells the numbers of the place in a heat map that is pointed at; on the link of a unit, ← and → do the same.
-import { textsOf } from "./texts.js";
+import { failuresInWords, requestsInWords } from "./counts.js";
 import { ms, percent } from "./quantities.js";
+import { _ } from "./texts.js";
 
-const TEXTS = await textsOf("heat");
 const KEPT = 60000; // milliseconds
 const SLOTS = 144; // of a day; a picture shows the last ones of them
 const past = new Map(); // what the server has told of a unit, and when
@@ -22,12 +22,11 @@ async function historyOf(unit) {
 const time = (seconds) => new Date(seconds * 1000).toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
 
 function words(slot) {
-  if (!slot) return TEXTS.gap;
-  if (!slot.requests) return TEXTS.idle;
-  const lost = [TEXTS.timeouts(slot.timeouts), TEXTS.failed(slot.failed), TEXTS.notSent(slot.not_sent), TEXTS.exceptions(slot.exceptions)];
-  const answer = slot.answer_ms === null ? "" : TEXTS.answer(ms(slot.answer_ms), percent(slot.limit_share));
-  const rest = slot.resting_s ? TEXTS.resting(slot.resting_s.toFixed(0)) : "";
-  return [TEXTS.requests(slot.requests), ...lost, answer, rest].filter(Boolean).join(" · ");
+  if (!slot) return _("the gateway did not run");
+  if (!slot.requests) return _("not asked");
+  const answer = slot.answer_ms === null ? "" : _("answer in %(time)s on average, %(share)s of the limit", { time: ms(slot.answer_ms), share: percent(slot.limit_share) });
+  const rest = slot.resting_s ? _("rested for %(seconds)s s", { seconds: slot.resting_s.toFixed(0) }) : "";
+  return [requestsInWords(slot.requests), ...failuresInWords(slot.timeouts, slot.failed, slot.not_sent, slot.exceptions), answer, rest].filter(Boolean).join(" · ");
 }
 
 async function tell(row, place) {
@@ -54,7 +53,7 @@ function mark(row, place) {
 
 // The server makes the table anew now and then.
 function tellAgain() {
-  document.querySelectorAll("[data-reading]").forEach((reading) => reading.textContent || (reading.textContent = TEXTS.hint));
+  document.querySelectorAll("[data-reading]").forEach((reading) => reading.textContent || (reading.textContent = _("Point at a place in the picture to see its numbers; or press ← or → on the name of a unit.")));
   const row = shown && document.querySelector(`table[data-heat] tr[data-unit="${CSS.escape(shown.unit)}"]`);
   if (row && !row.querySelector(".mark")) tell(row, shown.place);
 }

@@ -1,7 +1,6 @@
 // Keeps a page fresh: the server makes it anew, and its content replaces what is shown.
-import { textsOf } from "./texts.js";
+import { _ } from "./texts.js";
 
-const TEXTS = await textsOf("page");
 const main = document.querySelector("main");
 const every = main.querySelector("[data-renew-every]")?.dataset.renewEvery; // of a page that ends what it shows when nobody asks for it
 const EVERY = Number(every ?? 5000); // milliseconds
@@ -25,7 +24,7 @@ async function refresh() {
     told.remove();
     main.classList.remove("stale");
   } catch {
-    told.textContent = TEXTS.unreachable(reachedAt.toTimeString().slice(0, 8));
+    told.textContent = _("The gateway cannot be reached. What is shown is of %(time)s.", { time: reachedAt.toTimeString().slice(0, 8) });
     main.before(told);
     main.classList.add("stale");
   }

@@ -1,9 +1,9 @@
 // A line in the last hour or day, in the place of its strip: the server draws it, and this tells the numbers of a column.
-import { textsOf } from "./texts.js";
+import { failuresInWords, requestsInWords } from "./counts.js";
 import { element } from "./transactions.js";
 import { ms, percent } from "./quantities.js";
+import { _ } from "./texts.js";
 
-const TEXTS = await textsOf("past");
 const EVERY = { "1h": 10000, "24h": 60000 }; // milliseconds
 
 export const LONG_SPANS = new Map([[3600, "1h"], [86400, "24h"]]); // seconds, and what the address calls them
@@ -58,7 +58,7 @@ export class Past {
   tell(place) {
     this.place = place;
     this.part?.querySelectorAll(".mark").forEach((each) => each.remove());
-    if (place === undefined || !this.part) return this.detail.replaceChildren(element("p", "hint", TEXTS.hint));
+    if (place === undefined || !this.part) return this.detail.replaceChildren(element("p", "hint", _("Point at a column, or use ← and →, to see its numbers.")));
     for (const picture of this.part.querySelectorAll("svg.map")) {
       const mark = document.createElementNS("http://www.w3.org/2000/svg", "rect");
       for (const [name, value] of Object.entries({ class: "mark", x: place, y: 0, width: 1, height: picture.viewBox.baseVal.height })) mark.setAttribute(name, value);
@@ -85,13 +85,13 @@ function placeAt(picture, x) {
 }
 
 function lineInWords(told) {
-  if (!told) return TEXTS.gap;
+  if (!told) return _("the gateway did not run");
   const [busy, sent, failed, clients] = told;
   const who = Object.entries(clients).map(([client, count]) => `${client} (${count})`).join(", ");
-  return [TEXTS.busy(percent(busy)), TEXTS.requests(sent), TEXTS.failed(failed), who ? TEXTS.mostly(who) : ""].filter(Boolean).join(" · ");
+  return [_("busy %(share)s", { share: percent(busy) }), requestsInWords(sent), ...failuresInWords(0, failed), who ? _("most of them by %(clients)s", { clients: who }) : ""].filter(Boolean).join(" · ");
 }
 
 function unitInWords([requests, timeouts, failed, unsent, exceptions, answer]) {
-  const parts = [TEXTS.requests(requests), TEXTS.timeouts(timeouts), TEXTS.failed(failed), TEXTS.notSent(unsent), TEXTS.exceptions(exceptions), answer ? TEXTS.answer(ms(answer)) : ""];
+  const parts = [requestsInWords(requests), ...failuresInWords(timeouts, failed, unsent, exceptions), answer ? _("answer in %(time)s on average", { time: ms(answer) }) : ""];
   return parts.filter(Boolean).join(" · ");
 }

@@ -1,10 +1,15 @@
 // The line strip: what a line did in the last seconds, to scale. Requests stand above the middle, responses below it.
-import { textsOf } from "./texts.js";
 import { FAILED, clock, detailOf, element, itemOf, named, resultOf, stateOf, titleOf } from "./transactions.js";
 import { ms, percent, seconds } from "./quantities.js";
 import { LONG_SPANS, Past } from "./past.js";
+import { failuresInWords } from "./counts.js";
+import { _, ngettext, pgettext } from "./texts.js";
 
-const TEXTS = await textsOf("strip");
+const LANE_NAMES = { wait: _("waiting"), request: _("request"), response: _("response") };
+const SHARES = { request: _("requests"), think: _("waiting for devices"), response: _("responses"), lost: _("no valid response"), free: _("free") };
+const SHARES_ASKED = { request: _("requests"), think: _("waiting for the gateway"), response: _("responses"), free: pgettext("line", "silent") };
+const MARKS = { exception: _("exception"), timeout: _("time-out"), broken: _("broken frame"), foreign: _("foreign traffic"), late: _("late response"), refused: _("not sent") };
+const KEYS = _("Space pauses, + and − zoom, ← and → go from one transaction to the next, drag, swipe, Page Up and Page Down move, End is live again.");
 
 const KEPT = 120; // seconds
 const MOST_KEPT = 20000; // transactions of a line
@@ -45,7 +50,7 @@ class Strip {
     this.canvas = document.createElement("canvas");
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", this.isFull ? "application" : "img");
-    this.canvas.setAttribute("aria-label", TEXTS.strip(line) + (this.isFull ? ". " + TEXTS.keys : ""));
+    this.canvas.setAttribute("aria-label", _("What line %(line)s has done in the last seconds", { line }) + (this.isFull ? ". " + KEYS : ""));
     if (!isPanel) this.canvas.style.height = this.lanes.height + "px";
     if (!this.isFull) this.canvas.tabIndex = -1;
     this.pen = this.canvas.getContext("2d");
@@ -79,7 +84,7 @@ class Strip {
       made.addEventListener("click", act);
       return made;
     };
-    this.pauseButton = button(TEXTS.pause, () => this.togglePause());
+    this.pauseButton = button(_("Pause"), () => this.togglePause());
     this.spanText = element("output", "span");
     this.shares = element("p", "shares");
     this.legend = element("ul", "legend");
@@ -88,7 +93,7 @@ class Strip {
     const bar = element("div", "controls");
     this.spans = this.figure.dataset.hasPast === undefined ? SPANS : [...SPANS, ...LONG_SPANS.keys()];
     this.quick = QUICK.filter((span) => this.spans.includes(span)).map((span) => [span, button(spanInWords(span), () => this.setSpan(span, this.width))]);
-    bar.append(this.pauseButton, button("−", () => this.zoom(1), TEXTS.zoomOut), this.spanText, button("+", () => this.zoom(-1), TEXTS.zoomIn), ...this.quick.map(([, each]) => each), this.summary);
+    bar.append(this.pauseButton, button("−", () => this.zoom(1), _("Zoom out")), this.spanText, button("+", () => this.zoom(-1), _("Zoom in")), ...this.quick.map(([, each]) => each), this.summary);
     this.figure.querySelector(".plot").prepend(bar);
     this.figure.querySelector(".plot").append(this.shares, this.legend, this.detail);
     this.past = new Past(this.figure, this.detail);
@@ -191,14 +196,14 @@ class Strip {
   }
   pauseAt(time) {
     this.right = Math.min(time, now());
-    this.pauseButton.textContent = TEXTS.resume;
-    this.pauseButton.setAttribute("aria-label", TEXTS.resume);
+    this.pauseButton.textContent = _("Live");
+    this.pauseButton.setAttribute("aria-label", _("Live"));
     this.figure.classList.add("paused");
   }
   resume() {
     this.right = this.pinned = undefined;
-    this.pauseButton.textContent = TEXTS.pause;
-    this.pauseButton.setAttribute("aria-label", TEXTS.pause);
+    this.pauseButton.textContent = _("Pause");
+    this.pauseButton.setAttribute("aria-label", _("Pause"));
     this.figure.classList.remove("paused");
     this.showDetail();
   }
@@ -314,9 +319,9 @@ class Strip {
     pen.textAlign = "right";
     pen.textBaseline = "middle";
     const at = lanes.left - 10;
-    if (!this.isAsked) pen.fillText(TEXTS.lanes.wait, at, (lanes.wait[0] + lanes.wait[1]) / 2);
-    pen.fillText(TEXTS.lanes.request, at, lanes.middle - lanes.half / 2);
-    pen.fillText(TEXTS.lanes.response, at, lanes.middle + lanes.half / 2);
+    if (!this.isAsked) pen.fillText(LANE_NAMES.wait, at, (lanes.wait[0] + lanes.wait[1]) / 2);
+    pen.fillText(LANE_NAMES.request, at, lanes.middle - lanes.half / 2);
+    pen.fillText(LANE_NAMES.response, at, lanes.middle + lanes.half / 2);
   }
 
   drawItem(item, rows) {
@@ -507,14 +512,14 @@ class Strip {
     }
     const busy = sums.request + sums.think + sums.response + sums.lost;
     sums.free = Math.max(0, this.span - busy);
-    setText(this.summary, isConnected ? countsInWords(counts, this.span) : TEXTS.reconnecting);
+    setText(this.summary, isConnected ? countsInWords(counts, this.span) : _("no connection, trying again"));
     if (this.isFull && isConnected) this.showShares(sums);
     if (this.isFull) this.showLegend();
   }
 
   showShares(sums) {
     if (!this.shareParts) {
-      const names = this.isAsked ? TEXTS.shareAsked : TEXTS.share;
+      const names = this.isAsked ? SHARES_ASKED : SHARES;
       this.shareParts = new Map(Object.keys(names).map((name) => [name, element("span", "share " + name)]));
       for (const [name, part] of this.shareParts) part.append(element("i", "bar"), element("b", "", ""), " " + names[name]);
       this.shares.replaceChildren(...this.shareParts.values());
@@ -536,7 +541,7 @@ class Strip {
       pen.fillStyle = this.ink(unit).fill;
       pen.fillRect(0, 0, 18, 12);
     }));
-    const marks = Object.entries(TEXTS.marks).filter(([name]) => !this.isAsked || ["exception", "broken", "foreign"].includes(name));
+    const marks = Object.entries(MARKS).filter(([name]) => !this.isAsked || ["exception", "broken", "foreign"].includes(name));
     this.legend.replaceChildren(...units, ...marks.map(([name, text]) => entry(text, (pen) => drawMark(pen, name))));
   }
 
@@ -547,7 +552,7 @@ class Strip {
     made.setAttribute("aria-hidden", "true");
     if (!theme.units) return made; // it is drawn again when there are colours
     pen.scale(ratio, ratio);
-    const ink = this.ink(this.order[0]), think = (this.isAsked ? TEXTS.shareAsked : TEXTS.share).think;
+    const ink = this.ink(this.order[0]), think = (this.isAsked ? SHARES_ASKED : SHARES).think;
     const part = (x, y, width, height, fill) => ((pen.fillStyle = fill), pen.fillRect(x, y, width, height));
     part(0, 16, 470, 60, theme.lane);
     if (!this.isAsked) part(10, 5, 90, 5, ink.soft);
@@ -563,10 +568,10 @@ class Strip {
       pen.fillStyle = theme.ink;
       pen.fillText(words, x, y + 0.5);
     };
-    if (!this.isAsked) text(TEXTS.lanes.wait, 55, 28);
-    text(TEXTS.lanes.request, 145, 31, true);
+    if (!this.isAsked) text(LANE_NAMES.wait, 55, 28);
+    text(LANE_NAMES.request, 145, 31, true);
     text(think, 270, 31);
-    text(TEXTS.lanes.response, 395, 61, true);
+    text(LANE_NAMES.response, 395, 61, true);
     return made;
   }
 
@@ -575,7 +580,7 @@ class Strip {
     const item = this.pinned ?? this.pointed;
     if (item === this.detailed && this.detail.hasChildNodes()) return;
     this.detailed = item;
-    if (!item) return this.detail.replaceChildren(element("p", "hint", TEXTS.hint), this.sample(), element("p", "quiet keys", TEXTS.keys));
+    if (!item) return this.detail.replaceChildren(element("p", "hint", _("Point at a transaction, or use ← and →, to see its frames.")), this.sample(), element("p", "quiet keys", KEYS));
     const index = this.items.indexOf(item), before = this.items[index - 1];
     this.detail.replaceChildren(...detailOf(item, this.line, before ? item.begin - before.end : undefined));
   }
@@ -583,9 +588,16 @@ class Strip {
 
 const spanInWords = (span) => (span < 60 ? seconds(span) : span < 3600 ? `${span / 60} min` : `${span / 3600} h`);
 
-function countsInWords({ requests, ...others }, span) {
+function countsInWords({ requests, timeout, failed, broken, refused, silent, foreign }, span) {
   const perSecond = requests / span;
-  return (isPanel ? TEXTS.briefCounts : TEXTS.counts)(requests ? perSecond.toFixed(perSecond < 10 ? 1 : 0) : "", others);
+  const [lost, damaged, others] = isPanel
+    ? [_("%(count)s failed", { count: failed }), _("%(count)s broken", { count: broken }), _("%(count)s foreign", { count: foreign })]
+    : [_("%(count)s without a valid response", { count: failed }), ngettext("%(count)s broken frame", "%(count)s broken frames", broken), ngettext("%(count)s foreign frame", "%(count)s foreign frames", foreign)];
+  return [
+    requests ? _("%(count)s requests/s", { count: perSecond.toFixed(perSecond < 10 ? 1 : 0) }) : _("no requests"),
+    ...failuresInWords(timeout), failed && lost, broken && damaged, ...failuresInWords(0, 0, refused),
+    silent && _("%(count)s not answered", { count: silent }), foreign && others,
+  ].filter(Boolean).join(" · ");
 }
 
 // The table: the same in words
@@ -653,7 +665,7 @@ function patternOf(kind, colour) {
 
 /** On a panel the signs of all lines are explained once. */
 function showMarks() {
-  document.querySelector("[data-marks]")?.replaceChildren(...Object.entries(TEXTS.marks).map(([name, text]) => entry(text, (pen) => drawMark(pen, name))));
+  document.querySelector("[data-marks]")?.replaceChildren(...Object.entries(MARKS).map(([name, text]) => entry(text, (pen) => drawMark(pen, name))));
 }
 
 /** The sign of a mark, in a box of 18 by 12. */

@@ -1,8 +1,7 @@
 // Tables are sorted by their heads, and long ones have a field that finds rows. What was chosen is part of the address,
 // and stays when the server makes the page anew.
-import { textsOf } from "./texts.js";
+import { _ } from "./texts.js";
 
-const TEXTS = await textsOf("tables");
 const LONG = 12; // rows
 const NOTHING = "–";
 const UNITS = { ms: 0.001, s: 1, 秒: 1, min: 60, 分钟: 60, h: 3600, 小时: 3600, d: 86400, 天: 86400 };
@@ -89,8 +88,8 @@ function letSort(table, heads, key) {
 
 function letFind(table, key) {
   const input = document.createElement("input"), count = document.createElement("output"), line = document.createElement("p");
-  Object.assign(input, { type: "search", placeholder: TEXTS.find, value: chosen("find", key), autocomplete: "off", spellcheck: false });
-  input.setAttribute("aria-label", TEXTS.find);
+  Object.assign(input, { type: "search", placeholder: _("Find rows"), value: chosen("find", key), autocomplete: "off", spellcheck: false });
+  input.setAttribute("aria-label", _("Find rows"));
   input.dataset.find = key;
   line.className = "find";
   line.append(input, count);
@@ -98,7 +97,7 @@ function letFind(table, key) {
   const show = () => {
     const words = input.value.toLowerCase().split(/\s+/).filter(Boolean), rows = [...table.tBodies[0].rows];
     for (const row of rows) row.hidden = !words.every((word) => row.textContent.toLowerCase().includes(word));
-    count.textContent = words.length ? TEXTS.found(rows.filter((row) => !row.hidden).length, rows.length) : "";
+    count.textContent = words.length ? " " + _("%(count)s of %(total)s", { count: rows.filter((row) => !row.hidden).length, total: rows.length }) : "";
   };
   input.addEventListener("input", () => {
     choose("find", key, input.value.trim());

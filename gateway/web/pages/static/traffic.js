@@ -1,10 +1,9 @@
 // The table of the traffic as it goes on: new transactions come in above, and a row opens to its frames.
-import { textsOf } from "./texts.js";
 import { bytesOf, requestInWords } from "./frames.js";
 import { clock, detailOf, element, itemOf, resultOf, stateOf, titleOf } from "./transactions.js";
 import { ms } from "./quantities.js";
+import { _, ngettext } from "./texts.js";
 
-const TEXTS = await textsOf("traffic");
 const ROWS = 500; // of the table
 const PER_SECOND = 100; // records that the gateway sends at most; it counts the others
 const SHOW_EVERY = 250; // milliseconds
@@ -47,14 +46,14 @@ function opened(event) {
   pause(true);
 }
 
-const button = element("button", "", TEXTS.pause), summary = element("output");
+const button = element("button", "", _("Pause")), summary = element("output");
 button.type = "button";
 button.addEventListener("click", () => pause(!isPaused));
 controls.prepend(button, summary);
 
 function pause(isWanted) {
   isPaused = isWanted;
-  button.textContent = isPaused ? TEXTS.resume : TEXTS.pause;
+  button.textContent = isPaused ? _("Live") : _("Pause");
   controls.classList.toggle("paused", isPaused);
   if (!isPaused) for (const details of body.querySelectorAll("details[open]")) details.open = false;
   show();
@@ -70,7 +69,7 @@ function show() {
 }
 
 function tell() {
-  const text = !isConnected ? TEXTS.reconnecting : [TEXTS.perSecond(received + leftOut), leftOut ? TEXTS.leftOut(leftOut) : "", missed ? TEXTS.missed(missed) : "", isPaused ? TEXTS.waiting(waiting.length) : ""].filter(Boolean).join(" · ");
+  const text = !isConnected ? _("no connection, trying again") : [ngettext("%(count)s record/s", "%(count)s records/s", received + leftOut), leftOut ? _("%(count)s of them not shown", { count: leftOut }) : "", missed ? _("%(count)s missed", { count: missed }) : "", isPaused ? _("paused, %(count)s more since then", { count: waiting.length }) : ""].filter(Boolean).join(" · ");
   if (summary.textContent !== text) summary.textContent = text;
   received = leftOut = missed = 0;
 }

@@ -1,8 +1,20 @@
 // What a record of the trace tells, in words and with its frames decoded.
-import { textsOf } from "./texts.js";
 import { bytesOf, charactersOf, parts, requestInWords, responseInWords } from "./frames.js";
+import { ms } from "./quantities.js";
+import { _ } from "./texts.js";
 
-const TEXTS = await textsOf("transactions");
+const STATES = {
+  ok: _("ok"), exception: _("exception"), timeout: _("time-out"), broken: _("broken frame"), failed: _("no valid response"), late: _("late response"), foreign: _("foreign traffic"),
+  noise: _("noise"), refused: _("not sent"), port: _("port"), answered: _("answered"), silent: _("not answered"),
+};
+const RESULTS = {
+  resting: _("the unit rests"), overdue: _("a late response is awaited"), queue_full: _("queue full"), expired: _("waited too long"), line_down: _("line down"), no_route: _("no such unit"), only_heard: _("only heard"),
+  denied: _("no right"), unwanted: _("the client has left"), refused: _("refused"), timeout: _("no time left to send it again"), line_lost: _("port lost"),
+};
+const OWNERS = {
+  "another client": _("response to another client"), "a late response": _("late response to an earlier request"), "an echo": _("echo of a request"),
+  "another's request": _("request of another client"), nobody: _("not requested by anybody"), noise: _("bytes that are no frame"), "a damaged frame": _("a character of it was damaged"),
+};
 
 /** What stands in a record of the trace, with the times of its parts in seconds: `begin, left, back, end`. */
 export function itemOf(fact, line) {
@@ -36,23 +48,23 @@ export const FAILED = new Set(["timeout", "failed", "broken"]);
 
 export function titleOf(item) {
   const { fact } = item;
-  if (item.kind === "port") return fact.reason ? TEXTS.portLost(fact.reason) : TEXTS.portOpen;
-  if (item.kind === "heard") return `${TEXTS.states[item.state]}${item.state === "noise" || !fact.frame ? "" : ": " + TEXTS.onTheWire(bytesOf(fact.frame)[0])}`;
-  return `${TEXTS.named(fact.unit, fact.name)}: ${requestInWords(bytesOf(fact.request))}`;
+  if (item.kind === "port") return fact.reason ? _("port lost: %(reason)s", { reason: fact.reason }) : _("port open");
+  if (item.kind === "heard") return `${STATES[item.state]}${item.state === "noise" || !fact.frame ? "" : ": " + _("address %(address)s on the wire", { address: bytesOf(fact.frame)[0] })}`;
+  return `${named(fact.unit, fact.name)}: ${requestInWords(bytesOf(fact.request))}`;
 }
 
 /** What it was called, in colour and word. */
 export function stateOf({ state }) {
   const kind = FAILED.has(state) || state === "refused" ? "down" : state === "ok" || state === "answered" ? "up" : "failing";
-  return element("span", "state " + kind, TEXTS.states[state]);
+  return element("span", "state " + kind, STATES[state]);
 }
 
 /** The name of a unit, with its number. */
-export const named = (unit, name) => TEXTS.named(unit, name);
+export const named = (unit, name) => (name ? `${unit} ${name}` : _("unit %(unit)s", { unit }));
 
 /** What came of it. */
 export function outcomeOf({ kind, fact }) {
-  if (kind !== "exchange" && kind !== "answered") return TEXTS.owners[fact.owner] ?? (fact.reason || (TEXTS.results[fact.result] ?? fact.result) || "");
+  if (kind !== "exchange" && kind !== "answered") return OWNERS[fact.owner] ?? (fact.reason || (RESULTS[fact.result] ?? fact.result) || "");
   if (fact.response) return responseInWords(bytesOf(fact.response), bytesOf(fact.request));
   return fact.reason || "–"; // the state says the rest
 }
@@ -60,7 +72,7 @@ export function outcomeOf({ kind, fact }) {
 /** What the first points of it are, as the gateway says. */
 export function meaningOf({ fact }) {
   const told = (fact.points ?? []).map(({ point, text }) => `${point} ${text}`).join(", ");
-  return fact.more_points ? `${told}, ${TEXTS.more(fact.more_points)}` : told;
+  return fact.more_points ? `${told}, ${_("%(count)s more", { count: fact.more_points })}` : told;
 }
 
 /** A cell with the meaning of it and what came of it. */
@@ -74,12 +86,12 @@ export function resultOf(item) {
 /** All points of it: the record has the first ones, and the gateway tells the others when somebody looks. */
 function points(fact) {
   const pieces = (points) => points.map(({ point, text }) => ({ bytes: text, means: point }));
-  const made = frame(TEXTS.pointsFrame, pieces(fact.points));
+  const made = frame(_("means"), pieces(fact.points));
   if (fact.more_points) {
     const asked = new URLSearchParams({ request: fact.request, response: fact.response ?? "" });
     fetch(`/api/v1/units/${encodeURIComponent(fact.device ?? fact.name)}/meaning?${asked}`, { redirect: "error" })
       .then((response) => (response.ok ? response.json() : Promise.reject(response.status)))
-      .then(({ points }) => made.replaceWith(frame(TEXTS.pointsFrame, pieces(points))))
+      .then(({ points }) => made.replaceWith(frame(_("means"), pieces(points))))
       .catch(() => {}); // the first ones stay
   }
   return made;
@@ -93,21 +105,21 @@ export function detailOf(item, line, gap) {
   if (item.kind !== "port") head.append(stateOf(item));
   const made = [head];
   if (item.kind === "exchange") {
-    const wait = fact.wait_ms, asked = 1000 * (item.left - item.begin);
+    const between = (from, to) => ms(1000 * (to - from)), asked = { wait: ms(fact.wait_ms), request: between(item.begin, item.left), limit: ms(fact.limit_ms) };
     const times = FAILED.has(item.state)
-      ? TEXTS.timesLost(wait, asked, 1000 * (item.end - item.left), fact.limit_ms)
-      : TEXTS.times(wait, asked, 1000 * (item.back - item.left), 1000 * (item.end - item.back), fact.limit_ms);
-    const silence = gap !== undefined && gap >= 0 ? " · " + TEXTS.gap(1000 * gap) : "";
-    made.push(element("p", "times", times + silence), element("p", "quiet", `${fact.device ? fact.device + " · " : ""}${TEXTS.asked(fact.address, fact.client)} · ${outcomeOf(item)}`));
-    made.push(frame(TEXTS.requestFrame, parts(fact.address, bytesOf(fact.request), line.mode, true)));
-    if (fact.response) made.push(frame(TEXTS.responseFrame, parts(fact.answered_by ?? fact.address, bytesOf(fact.response), line.mode, false)));
-    else made.push(frame(TEXTS.heardFrame, fact.heard ? [{ bytes: fact.heard, means: TEXTS.states.broken }] : [{ bytes: "–", means: TEXTS.noFrame }]));
+      ? _("waited %(wait)s · request %(request)s · no valid response for %(lost)s · limit %(limit)s", { ...asked, lost: between(item.left, item.end) })
+      : _("waited %(wait)s · request %(request)s · device %(device)s · response %(response)s · limit %(limit)s", { ...asked, device: between(item.left, item.back), response: between(item.back, item.end) });
+    const silence = gap !== undefined && gap >= 0 ? " · " + _("%(time)s of silence before", { time: ms(1000 * gap) }) : "";
+    made.push(element("p", "times", times + silence), element("p", "quiet", `${fact.device ? fact.device + " · " : ""}${_("asked at address %(address)s for %(client)s", fact)} · ${outcomeOf(item)}`));
+    made.push(frame(_("request"), parts(fact.address, bytesOf(fact.request), line.mode, true)));
+    if (fact.response) made.push(frame(_("response"), parts(fact.answered_by ?? fact.address, bytesOf(fact.response), line.mode, false)));
+    else made.push(frame(_("received"), fact.heard ? [{ bytes: fact.heard, means: STATES.broken }] : [{ bytes: "–", means: _("nothing was received") }]));
   } else if (item.kind === "answered") {
-    made.push(element("p", "quiet", outcomeOf(item) + sourcesOf(fact)), frame(TEXTS.requestFrame, parts(fact.unit, bytesOf(fact.request), line.mode, true)));
-    made.push(frame(TEXTS.responseFrame, parts(fact.unit, bytesOf(fact.response), line.mode, false)));
+    made.push(element("p", "quiet", outcomeOf(item) + sourcesOf(fact)), frame(_("request"), parts(fact.unit, bytesOf(fact.request), line.mode, true)));
+    made.push(frame(_("response"), parts(fact.unit, bytesOf(fact.response), line.mode, false)));
   } else if (item.kind === "heard") {
     const bytes = bytesOf(fact.frame), isRequest = item.fact.owner === "another's request" || item.fact.owner === "an echo";
-    made.push(element("p", "quiet", outcomeOf(item)), frame(TEXTS.heardFrame, item.state === "noise" ? [{ bytes: fact.frame ?? "", means: TEXTS.states.noise }] : parts(bytes[0], bytes.slice(1), line.mode, isRequest)));
+    made.push(element("p", "quiet", outcomeOf(item)), frame(_("received"), item.state === "noise" ? [{ bytes: fact.frame ?? "", means: STATES.noise }] : parts(bytes[0], bytes.slice(1), line.mode, isRequest)));
   } else if (item.kind === "refused") {
     made.push(element("p", "quiet", `${outcomeOf(item)} · ${fact.client}${sourcesOf(fact)}`));
   }
@@ -116,7 +128,7 @@ export function detailOf(item, line, gap) {
 }
 
 /** The devices whose values were asked for, of a virtual unit. */
-const sourcesOf = ({ sources }) => (sources ? ` · ${TEXTS.sources(sources.join(", "))}` : "");
+const sourcesOf = ({ sources }) => (sources ? ` · ${_("values of %(sources)s", { sources: sources.join(", ") })}` : "");
 
 function frame(label, pieces) {
   const row = element("div", "frame");

@@ -1,9 +1,8 @@
 // Draws the trend of a point with uPlot: a band, and a line of means; without it the server's own picture stays.
-import { textsOf } from "./texts.js";
+import { axis, colour, ticks, timeOf } from "./plots.js";
+import { _ } from "./texts.js";
 
-const TEXTS = await textsOf("trend");
 const EVERY = 30000; // milliseconds
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 async function fetched({ device, point }, hours) {
   const address = `/api/v1/values/${encodeURIComponent(device)}/${encodeURIComponent(point)}/history?since=${hours}%20h`;
@@ -75,19 +74,17 @@ class Trend {
 
   options() {
     const { measure, decimals } = this.figure.dataset;
-    const axis = { stroke: colour("--quiet"), grid: { stroke: colour("--grid"), width: 1 }, ticks: { stroke: colour("--grid"), width: 1 }, font: "12px system-ui, sans-serif" };
     const written = (value) => (decimals === undefined ? String(Number(value.toPrecision(7))) : value.toFixed(Number(decimals)));
-    const told = (_, value) => (value === null || value === undefined ? "–" : `${written(value)} ${measure}`);
-    const date = (_, value) => (value ? TEXTS.date(new Date(value * 1000)) : "–");
+    const told = (_plot, value) => (value === null || value === undefined ? "–" : `${written(value)} ${measure}`);
     const line = { points: { show: false }, spanGaps: false, paths: uPlot.paths.stepped({ align: 1 }), value: told };
     const edge = { ...line, width: 0, stroke: "transparent" };
     return {
       ...this.size(),
       cursor: { drag: { x: true, y: false } },
-      scales: { x: { range: () => [this.from, this.to] }, y: { range: (_, least, greatest) => around(least, greatest) } },
-      axes: [{ ...axis, values: (_, values) => values.map((value) => TEXTS.tick(new Date(value * 1000), this.hours > 24)) }, { ...axis, label: measure || undefined, labelSize: 20, labelFont: axis.font, size: 64 }],
+      scales: { x: { range: () => [this.from, this.to] }, y: { range: (_plot, least, greatest) => around(least, greatest) } },
+      axes: [{ ...axis(), values: (_plot, times) => ticks(times, this.hours > 24) }, { ...axis(), label: measure || undefined, labelSize: 20, labelFont: axis().font, size: 64 }],
       bands: [{ series: [1, 2], fill: `${colour("--accent")}33` }],
-      series: [{ label: TEXTS.time, value: date }, { ...edge, label: TEXTS.greatest }, { ...edge, label: TEXTS.least }, { ...line, label: TEXTS.mean, stroke: colour("--accent"), width: 1.5 }],
+      series: [{ label: _("Time"), value: timeOf }, { ...edge, label: _("Greatest") }, { ...edge, label: _("Least") }, { ...line, label: _("Mean"), stroke: colour("--accent"), width: 1.5 }],
     };
   }
 }

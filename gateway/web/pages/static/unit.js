@@ -1,8 +1,7 @@
 // The page of a unit: reads its points when somebody wants that, and shows values without leaving the page.
 import { renewRows } from "./rows.js";
-import { textsOf } from "./texts.js";
+import { _ } from "./texts.js";
 
-const TEXTS = await textsOf("unit");
 const PATIENCE = 60000; // milliseconds
 const points = document.querySelector("form[data-read-points]");
 const values = document.querySelector("form[data-read-values]");
@@ -34,7 +33,7 @@ async function readPoints() {
     if (isFirst) for (const list of page.querySelectorAll("#points ~ details[open]")) document.getElementById(list.id)?.setAttribute("open", "");
     isFirst = false;
   } catch (error) {
-    state.textContent = `${TEXTS.failed}: ${error.message}`;
+    state.textContent = `${_("Not read")}: ${error.message}`;
   } finally {
     isReading = false;
   }
@@ -43,7 +42,7 @@ async function readPoints() {
 if (points) {
   points.addEventListener("submit", (event) => {
     event.preventDefault();
-    points.querySelector("[data-read-state]").textContent = TEXTS.reading;
+    points.querySelector("[data-read-state]").textContent = _("Reading …");
     readPoints();
   });
   const every = points.querySelector("select[data-every]");
@@ -61,11 +60,11 @@ document.addEventListener("renewed", (event) => renewPoints(event.detail));
 values?.addEventListener("submit", async (event) => {
   event.preventDefault();
   const result = document.querySelector("[data-result]");
-  result.textContent = TEXTS.reading;
+  result.textContent = _("Reading …");
   try {
     const page = await ask(`${values.action}?${new URLSearchParams(new FormData(values))}`);
     result.replaceChildren(...page.querySelector("[data-result]").childNodes);
   } catch (error) {
-    result.textContent = `${TEXTS.failed}: ${error.message}`;
+    result.textContent = `${_("Not read")}: ${error.message}`;
   }
 });

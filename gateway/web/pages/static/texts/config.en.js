@@ -1,4 +1,0 @@
-export const TEXTS = {
-  checking: "Checking …",
-  failed: "Not checked",
-};

@@ -1,4 +1,0 @@
-export const TEXTS = {
-  find: "Find rows",
-  found: (count, all) => ` ${count} of ${all}`,
-};

@@ -1,4 +1,0 @@
-export const TEXTS = {
-  find: "查找行",
-  found: (count, all) => ` ${count} / ${all}`,
-};

@@ -1,4 +1,0 @@
-export const TEXTS = {
-  reading: "Reading …",
-  failed: "Not read",
-};

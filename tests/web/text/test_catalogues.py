@@ -1,0 +1,120 @@
+"""The catalogues: each text and word of the pages is in them, translated, and nothing else is."""
+
+import ast
+import gettext
+import re
+import shutil
+from operator import attrgetter
+from pathlib import Path
+
+import pytest
+from jinja2 import Environment
+
+import gateway
+from deploy.gateway_words import ENGLISH, OF_RIGHTS, words
+from deploy.translations import CATALOGUES, SCRIPTS, all_catalogues, babel, extract, update
+from gateway.web.pages.renderer import FOLDER as TEMPLATES
+from gateway.web.text.languages import LANGUAGES
+
+PAGES = sorted(TEMPLATES.glob("*.html"))
+#: What stands on a page in every language.
+NAMES = {"modbus-gateway", "API", "s"}
+PLACEHOLDER = re.compile(r"%\(\w+\)s")
+#: A call in a script that translates: of a constant, or not.
+CALL = re.compile(r'(?<![\w.$])(?:_|ngettext|pgettext)\((?:"((?:[^"\\]|\\.)*)")?')
+
+
+@pytest.fixture(params=list(all_catalogues()), ids=lambda each: each[0])
+def messages(request):
+    """The messages of a language, without the head of its file."""
+    return [message for message in request.param[1] if message.id]
+
+
+def forms(text):
+    return [text] if isinstance(text, str) else list(text)
+
+
+def test_each_language_has_a_catalogue():
+    assert {language for language, _ in all_catalogues()} == set(LANGUAGES) - {"en"}
+
+
+def test_nothing_is_left_to_translate(messages):
+    for message in messages:
+        assert all(text.strip() for text in forms(message.string)), message.id
+        assert not message.fuzzy, message.id
+
+
+def test_a_translation_has_the_placeholders_of_its_text(messages):
+    for message in messages:
+        wanted = set(PLACEHOLDER.findall(forms(message.id)[-1]))
+        for text in forms(message.string):
+            assert set(PLACEHOLDER.findall(text)) == wanted, message.id
+            assert "%" not in PLACEHOLDER.sub("", text).replace("%%", ""), message.id
+
+
+def test_catalogues_are_those_of_the_pages(tmp_path):
+    """`nox -s gen` writes them anew."""
+    texts = tmp_path / "text"
+    shutil.copytree(CATALOGUES, texts)
+    update(texts, tmp_path / "scripts")
+    made = [*texts.glob("*/LC_MESSAGES/*"), *(tmp_path / "scripts").iterdir()]
+    there = [*CATALOGUES.glob("*/LC_MESSAGES/*"), *SCRIPTS.iterdir()]
+    assert {file.name: file.read_bytes() for file in made} == {file.name: file.read_bytes() for file in there}
+    assert len(made) == len(there) == 3 * (len(LANGUAGES) - 1)
+
+
+def test_each_word_of_the_gateway_is_in_the_catalogue(messages):
+    assert {ENGLISH.get(word, word) for word in words()} <= {forms(message.id)[0] for message in messages}
+
+
+def test_each_word_that_is_listed_is_one_of_the_gateway():
+    constants = {
+        node.value
+        for file in Path(gateway.__file__).parent.rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and file.name != "words.py"
+    }
+    assert {*OF_RIGHTS, *ENGLISH} <= constants
+
+
+@pytest.mark.parametrize("page", PAGES, ids=attrgetter("stem"))
+def test_a_page_translates_constants_only(page):
+    environment = Environment(extensions=["jinja2.ext.i18n"], autoescape=True)
+    for line, _, message in environment.extract_translations(page.read_text()):
+        assert message is not None, f"line {line}: word() is for what is no constant"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=attrgetter("stem"))
+def test_a_page_has_no_text_that_cannot_be_translated(page):
+    source = page.read_text()
+    source = re.sub(r"\{% trans.*?endtrans %\}|\{%.*?%\}|\{\{.*?\}\}|\{#.*?#\}", "", source, flags=re.DOTALL)
+    shown = re.findall(r">([^<]*)<", source) + re.findall(r'(?:aria-label|title|placeholder|alt)="([^"]*)"', source)
+    assert set(re.findall(r"[^\W\d_][\w-]*", " ".join(shown))) <= NAMES
+
+
+@pytest.mark.parametrize("script", sorted(SCRIPTS.parent.glob("*.js")), ids=attrgetter("stem"))
+def test_each_text_of_a_script_is_in_the_catalogue(script, messages):
+    """Babel reads scripts roughly: what it overlooks is found here."""
+    known = {text for message in messages for text in (message.context, forms(message.id)[0])}
+    for call in CALL.finditer(script.read_text()):
+        assert call[1] in known, f"{script.name}: {call[0]}"
+
+
+def test_a_third_language_is_a_catalogue_more(tmp_path):
+    """Polish has three plurals."""
+    template, texts = str(tmp_path / "messages.pot"), tmp_path / "text"
+    extract(template)
+    babel("init", "-i", template, "-d", texts, "-l", "pl")
+    file = texts / "pl" / "LC_MESSAGES" / "messages.po"
+    of_bytes = 'msgid "%(count)s byte"\nmsgid_plural "%(count)s bytes"\n'
+    filled = "".join(f'msgstr[{at}] "%(count)s {text}"\n' for at, text in enumerate(("bajt", "bajty", "bajtów")))
+    made = re.sub(re.escape(of_bytes) + r'(?:msgstr\[\d\] ""\n)+', of_bytes + filled, file.read_text())
+    file.write_text(made)
+    update(texts, tmp_path / "scripts")
+    polish = gettext.translation("messages", texts, ["pl"])
+    several = [polish.ngettext("%(count)s byte", "%(count)s bytes", count) for count in (1, 2, 5)]
+    assert several == ["%(count)s bajt", "%(count)s bajty", "%(count)s bajtów"]
+    assert polish.gettext("Overview") == "Overview"
+    script = (tmp_path / "scripts" / "pl.js").read_text()
+    assert '"%(count)s bajtów"' in script
+    assert "n%10>=2" in script.replace(" ", "")
