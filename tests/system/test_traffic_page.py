@@ -77,14 +77,14 @@ def test_a_row_that_the_server_made_opens_to_the_same(page: Any, address: str) -
 
 
 def test_a_row_that_is_opened_before_the_page_is_live_stays_open(page: Any, address: str) -> None:
-    texts: list[Any] = []
-    page.route("**/texts/traffic.*", lambda route: texts.append(route))  # noqa: PLW0108 - Playwright takes no built-in
-    page.goto(f"{address}/traffic?line=silo&result=ok")
+    scripts: list[Any] = []
+    page.route("**/frames.js", lambda route: scripts.append(route))  # noqa: PLW0108 - Playwright takes no built-in
+    page.goto(f"{address}/traffic?line=silo&result=ok", wait_until="commit")  # scripts come before it is loaded
     row = page.locator("tr[data-fact]").first
     row.locator("summary").press("Enter")
     assert not page.get_by_role("button", name="Pause").is_visible()
-    until(page, lambda: bool(texts))
-    texts[0].continue_()
+    until(page, lambda: bool(scripts))
+    scripts[0].continue_()
     until(page, lambda: "C4 0B\nCRC" in row.inner_text())
 
 

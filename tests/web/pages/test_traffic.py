@@ -182,7 +182,7 @@ async def test_it_is_shown_to_those_who_may_read(bench):
 
 async def test_it_speaks_chinese(bench):
     read = told((await rows(bench, "/traffic?function=6", Accept_Language="zh"))[0])
-    assert "写 保持寄存器 1 (40002): 7" in read
+    assert "写保持寄存器 1 (40002): 7" in read
     assert "已写入" in read
 
 
