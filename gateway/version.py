@@ -1,4 +1,4 @@
 """The version, and where the documentation of the web page is."""
 
 __version__ = "0.1.0"
-DOCUMENTATION = "https://modbus-gateway.example/source/blob/main/docs/web.md"
+DOCUMENTATION = "https://docs.modbus-gateway.example/web.html"

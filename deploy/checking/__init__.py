@@ -1,1 +1,0 @@
-"""What deploy/check-release checks."""

@@ -1,1 +1,0 @@
-"""What deploy/release builds."""
