@@ -100,6 +100,7 @@ def stale(session: nox.Session) -> None:
 
 def generate(session: nox.Session) -> None:
     """Write each file that is generated."""
+    session.run("python", "deploy/addresses.py")
     session.run("uv", "lock", "--quiet")
     for path, words in EXPORTED.items():
         session.run(*EXPORT, *words, "--output-file", path, silent=True)

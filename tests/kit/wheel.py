@@ -15,7 +15,7 @@ _CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def build(folder: Path, *more: str) -> None:
-    """Build the pure wheel into `folder`, as `deploy/release` does; `more` are options, such as `-t sdist`."""
+    """Build the pure wheel into `folder`, as a release has it; `more` are options, such as `-t sdist`."""
     pure = os.environ | {"HATCH_BUILD_NO_HOOKS": "true"}
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", *more, "-d", folder]
     subprocess.run(command, capture_output=True, check=True, cwd=_CHECKOUT, env=pure)
