@@ -22,7 +22,7 @@ def missing_library(extra: str) -> str | None:
 
 def not_installed(module: str | None, extra: str) -> str:
     """Say that a module of an extra is missing, and how to install it."""
-    wheel = f'"$(echo ./dist/mbgw-{__version__}-*.whl)[web,mqtt,fleet,yaml]"'
     environment = Path(sys.prefix)  # of pipx, or of the program that the gateway is a part of
+    wanted = f'"mbgw[web,mqtt,fleet,yaml]=={__version__}"'
     command = "pipx install --force" if "pipx" in environment.parts else f"{environment / 'bin' / 'pip'} install"
-    return f"{module} is not installed: the wheel was installed without [{extra}]; {command} {wheel}"
+    return f"{module} is not installed: mbgw was installed without [{extra}]; {command} {wanted}"

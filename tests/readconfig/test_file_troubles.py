@@ -184,11 +184,11 @@ def not_as_root():
         ("/srv/plant/venv", "/srv/plant/venv/bin/pip install"),
     ],
 )
-def test_what_installs_a_missing_library_needs_nothing_that_is_not_published(environment, command, monkeypatch):
+def test_what_installs_a_missing_library_keeps_the_version(environment, command, monkeypatch):
     monkeypatch.setattr("sys.prefix", environment)
     assert not_installed("aiohttp", "web") == (
-        "aiohttp is not installed: the wheel was installed without [web]; "
-        f'{command} "$(echo ./dist/mbgw-{__version__}-*.whl)[web,mqtt,fleet,yaml]"'
+        "aiohttp is not installed: mbgw was installed without [web]; "
+        f'{command} "mbgw[web,mqtt,fleet,yaml]=={__version__}"'
     )
 
 
