@@ -65,6 +65,7 @@ VERBS: Final[Mapping[str, str]] = {
     "simulate": "run simulated devices on a virtual port, or behind a server",
     "import": "turn the config of another program into one for the gateway, or a table of registers into a profile",
     "completion": "print a script that completes commands in a shell",
+    "fleet": "write the config of the NATS server of a fleet, and the logins of its sites",
     "user": "manage the users of the web page, and tokens of programs",
     "certificates": "make certificates for tls:// and https://",
 }

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Final, TypeVar
 
 from nats.js import JetStreamContext
@@ -11,6 +12,7 @@ from nats.js.kv import KeyValue
 from gateway.errors import FleetError
 from gateway.fleet.calls import ChangedError, NoBucketError, NoKeyError, result
 from gateway.fleet.messages import Entry
+from gateway.fleet.subjects import LEASES, STATUS
 
 #: The largest value in a bucket with its headers, in bytes: the state of a line with 247 devices fits.
 LARGEST_VALUE: Final = 64 * 1024
@@ -25,7 +27,7 @@ T = TypeVar("T")
 async def open_bucket(
     stream: JetStreamContext, name: str, forget: Callable[[], object], warn: Callable[[str], None]
 ) -> "Bucket":
-    """Open the bucket `name`; create it if it is missing. `warn` gets what is wrong with an existing one.
+    """Open the bucket `name`; create it if it is missing, and with that of status that of leases. `warn` gets what is wrong with an existing one.
 
     `forget` is called when the bucket turns out to be deleted.
 
@@ -36,6 +38,10 @@ async def open_bucket(
         config = (await result(stream.stream_info(f"KV_{name}"))).config
     except NoBucketError:
         config = await _make(stream, name)
+        if name == STATUS:
+            # Who may make one may make the other, and may have no lease; the sites that have one may make none.
+            with suppress(FleetError):
+                await _make(stream, LEASES)
     if wrong := faults(config):
         warn(f"the bucket {name} {' and '.join(wrong)}: delete it, and the next gateway makes it as it must be")
     # Never by direct get: with the right to it, a site could have the server publish what it has stored.

@@ -20,7 +20,7 @@ from gateway.fleet.bucket import Bucket, open_bucket
 from gateway.fleet.calls import ANSWER_TIME, in_words, reason_of, result
 from gateway.fleet.client import MESSAGES_AT_ONCE, TolerantClient
 from gateway.fleet.counts import LostMessages
-from gateway.fleet.credentials import read_credentials, sign
+from gateway.fleet.credentials import public_key, read_credentials, sign
 from gateway.fleet.messages import Message
 from gateway.fleet.settings import Login, Server
 from gateway.ports.network import look_up
@@ -195,7 +195,11 @@ class NatsConnection:
             options = {"tls": login.context, "tls_hostname": login.server_name or server.host}
         if login.credentials is not None:
             token, key = read_credentials(login.credentials)
-            options |= {"user_jwt_cb": lambda: self._trusted(token), "signature_cb": partial(sign, key)}
+            options["signature_cb"] = lambda nonce: sign(key, self._trusted(nonce))
+            if token is not None:
+                options["user_jwt_cb"] = lambda: token
+            else:  # The library reads it only from a seed, by a package without a wheel.
+                self._client._public_nkey = public_key(key)  # noqa: SLF001
         elif login.user is not None:
             options |= {"user": lambda: self._trusted(login.user), "password": login.password or ""}
         return options

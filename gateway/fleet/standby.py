@@ -13,8 +13,6 @@ from gateway.fleet.lease import Lease, Read, StoreCall
 from gateway.fleet.lease_entry import State
 from gateway.fleet.lease_settings import LeaseSettings
 
-#: The bucket with all leases.
-BUCKET: Final = "mbgw-lease"
 #: How long a port may take to close, and the store to take back a lease, in seconds.
 CLOSING_TIME: Final = 0.7
 RELEASE_TIME: Final = 0.5

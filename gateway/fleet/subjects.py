@@ -14,6 +14,9 @@ from typing import Final, NamedTuple
 
 from gateway.modbus.codes import HIGHEST_UNIT
 
+#: The bucket in which each site says how it is, and that of the leases of lines.
+STATUS: Final = "mbgw-status"
+LEASES: Final = "mbgw-lease"
 #: The queue group of one site's gateways: each request goes to one of them.
 GROUP: Final = "mbgw"
 

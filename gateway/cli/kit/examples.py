@@ -74,6 +74,10 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("import home-assistant configuration.yaml", "the devices and entities of its modbus: section"),
         ("import csv registers.csv --name maker-kind", "a profile out of a table of registers"),
     ),
+    "fleet": (
+        ("fleet hub fleet.toml", "hub/hub.conf for nats-server, hub/SITE.creds for each site that has none"),
+        ("fleet hub fleet.toml --renew plant-2", "a new key, when somebody else may have that of plant-2"),
+    ),
     "user": (
         ("user add anna --role operator", "a user of the web page; asks for the password"),
         ("user mes --token --role operator", "a program; prints its token, once"),

@@ -19,10 +19,15 @@ def parse_servers(value: object) -> tuple[Address, ...]:
     """
     if not isinstance(value, list) or not value:
         raise WrongValue("must be a list of servers", f"write it as {_EXAMPLE}")
-    return tuple(map(_server, value))
+    return tuple(map(parse_server, value))
 
 
-def _server(value: object) -> Address:
+def parse_server(value: object) -> Address:
+    """Parse the address of a NATS server.
+
+    Raises:
+        WrongValue: it is not valid.
+    """
     if not isinstance(value, str):
         raise NotText
     if "@" in value:

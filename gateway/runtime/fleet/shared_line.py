@@ -12,7 +12,8 @@ from gateway.devices.quirks import BAUD_RATES
 from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.fleet.lease_settings import LeaseSettings
-from gateway.fleet.standby import BUCKET, Bucket, Standby
+from gateway.fleet.standby import Bucket, Standby
+from gateway.fleet.subjects import LEASES
 from gateway.lines.driver import LineDriver
 from gateway.lines.exchange import Exchange
 from gateway.ports.port import TcpSettings
@@ -55,7 +56,7 @@ def standby_for(line: OwnLine, plan: LinePlan, memory: Memory, buckets: Buckets,
     assert lease is not None  # noqa: S101 - for lines with a lease
     settings = LeaseSettings(lease.name, lease.ttl, guard(plan), longest_late_window(plan), lease.fallback)
     holder = f"{lease.site} at {gethostname()}"
-    return Standby(line.name, settings, holder, partial(buckets, BUCKET), SharedPort(line, memory), emit)
+    return Standby(line.name, settings, holder, partial(buckets, LEASES), SharedPort(line, memory), emit)
 
 
 class SharedPort:
