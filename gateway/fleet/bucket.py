@@ -27,8 +27,9 @@ T = TypeVar("T")
 async def open_bucket(
     stream: JetStreamContext, name: str, forget: Callable[[], object], warn: Callable[[str], None]
 ) -> "Bucket":
-    """Open the bucket `name`; create it if it is missing, and with that of status that of leases. `warn` gets what is wrong with an existing one.
+    """Open the bucket `name`; create it if it is missing, and with that of status that of leases.
 
+    `warn` gets what is wrong with an existing one.
     `forget` is called when the bucket turns out to be deleted.
 
     Raises:

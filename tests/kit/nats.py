@@ -13,13 +13,12 @@ from typing import Any, Self
 from urllib.request import urlopen
 
 from kit.free_port import free_port
+from kit.hub import write_hub
 from kit.link import Link
 from kit.process import PATIENCE
 from kit.programs import find
 
-#: Where the configs are that users get.
-CONFIGS = Path(__file__).resolve().parents[2] / "deploy" / "nats"
-#: Ports and folder in the configs of deploy/nats, and the address of the hub there.
+#: Ports and folder in the configs that `fleet hub` writes, and the address of the hub there.
 _IN_CONFIG = ("127.0.0.1:4222", "127.0.0.1:7422", "127.0.0.1:8222", "/var/lib/nats", "hub.plant.example:7422")
 
 
@@ -28,7 +27,7 @@ class NatsServer:
 
     `settings` are lines of its config, such as `authorization { … }`. `leaf_of` is the hub whose leaf node it is;
     then `domain` is its JetStream's name, which must differ from the hub's. `user` is "NAME:PASSWORD" at the hub.
-    With `config`, one of deploy/nats, all of that stands there.
+    With `config`, one that `fleet hub` has written, all of that stands there.
     """
 
     def __init__(
@@ -47,11 +46,9 @@ class NatsServer:
         self._store = store = folder / f"nats-{self.port}"
         self._older_store = folder / f"nats-{self.port}.older"
         hub = f"127.0.0.1:{self.leaf_port if leaf_of is None else leaf_of.leaf_port}"
+        self._own = (f"127.0.0.1:{self.port}", hub, f"127.0.0.1:{self._monitor}", str(store), hub)
         if config:
-            ours = (f"127.0.0.1:{self.port}", hub, f"127.0.0.1:{self._monitor}", str(store), hub)
-            for theirs, own in zip(_IN_CONFIG, ours, strict=True):
-                config = config.replace(theirs, own)
-            self._config.write_text(config)
+            self._config.write_text(self._moved(config))
             return
         lines = [
             f"server_name: {domain or f'nats-{self.port}'}",
@@ -86,6 +83,19 @@ class NatsServer:
     @property
     def pid(self) -> int:
         return self._process.pid
+
+    def reload(self, config: Path) -> None:
+        """Let it read another config that `fleet hub` has written, without a restart."""
+        self._config.write_text(self._moved(config.read_text()))
+        reloads = self.log.count("Reloaded server configuration")
+        self._process.send_signal(signal.SIGHUP)
+        self.wait_until(lambda: self.log.count("Reloaded server configuration") > reloads, "reloaded")
+
+    def _moved(self, config: str) -> str:
+        """Give a config the ports and the folder of this server."""
+        for theirs, own in zip(_IN_CONFIG, self._own, strict=True):
+            config = config.replace(theirs, own)
+        return config
 
     def start(self) -> None:
         """Start it, and wait until clients can connect and its JetStream can be used."""
@@ -156,9 +166,10 @@ class NatsServer:
 
 @contextmanager
 def hub_and_leaf(folder: Path) -> Iterator[tuple[NatsServer, Link, NatsServer]]:
-    """The servers of deploy/nats, with a link on the way from the leaf node to the hub."""
+    """The servers of `fleet hub`, with a link on the way from the leaf node to the hub; logins are in `folder`/hub."""
     way = free_port()
-    configs = ((CONFIGS / name).read_text() for name in ("hub.conf", "leaf.conf"))
+    made = write_hub(folder).folder
+    configs = ((made / name).read_text() for name in ("hub.conf", "plant-3.leaf.conf"))
     hub, leaf = (text.replace("hub.plant.example:7422", f"127.0.0.1:{way}") for text in configs)
     with (
         NatsServer(folder, config=hub) as server,

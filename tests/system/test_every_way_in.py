@@ -122,9 +122,8 @@ class Relay(CustomUnit):
 """
 FLEET = """
 [fleet]
-servers  = ["nats://127.0.0.1:{port}"]
-user     = "{site}"
-password = {{ file = "{folder}/password" }}
+servers     = ["nats://127.0.0.1:{port}"]
+credentials = "{folder}/hub/{site}.creds"
 """
 #: Who asks from another site.
 CONTROL = """
@@ -168,13 +167,14 @@ class Plant:
         self._token = _users(folder)
         (folder / "relay.py").write_text(RELAY)
         config = CONFIG.format(folder=folder, device=self.device.port, broker=self._broker.port, tls=listener())
-        self.gateway = enter(GatewayProcess(folder, config + _fleet(folder, hub.port, "plant-1") + ROWS))
+        self.gateway = enter(GatewayProcess(folder, config + FLEET.format(folder=folder, port=hub.port, site="plant-1") + ROWS))
         ports = [int(each.rsplit(":", 1)[1]) for each in self.gateway.first("ready")["listeners"]]
         self._tcp, self._over, self._udp, self._alone, self._tls = ports
         self._web = self.gateway.first("web_up")["address"]
         office = folder / "office"
         office.mkdir()
-        self._office = enter(GatewayProcess(office, CONTROL + _fleet(office, hub.port, "control")))
+        login = FLEET.format(folder=folder, port=hub.port, site="control")
+        self._office = enter(GatewayProcess(office, CONTROL + login))
         self._subscriber = enter(Subscriber(self._broker))
         self._subscriber.wait_for("modbus/plant-1/silo")
         self._wait_for_the_fleet()
@@ -310,13 +310,6 @@ def _users(folder: Path) -> str:
     whole = [*COMMAND, "user", "add", "anna", *own]
     subprocess.run(whole, input=PASSWORD, text=True, check=True, capture_output=True, timeout=PATIENCE)
     return command("user", "program", "--token", *own).stdout.strip()
-
-
-def _fleet(folder: Path, port: int, site: str) -> str:
-    secret = folder / "password"
-    secret.write_text(site)
-    secret.chmod(0o600)
-    return FLEET.format(folder=folder, port=port, site=site)
 
 
 def _is_done(client: socket.socket | ssl.SSLSocket, pdu: bytes, unit: int = 41) -> bool:

@@ -1,4 +1,4 @@
-"""Three gateways as one, with the configs of deploy/nats: two at the hub, one behind a leaf node."""
+"""Three gateways as one, with the configs of `fleet hub`: two at the hub, one behind a leaf node."""
 
 import json
 import signal
@@ -68,18 +68,14 @@ def writes_of_which_one_is_heard(fleet: "Fleet", pool: ThreadPoolExecutor, count
         assert time.monotonic() < deadline
 
 
-def config(site: str, folder: Path, port: int, password: str, more: str) -> str:
-    secret = folder / "password"
-    secret.write_text(password)
-    secret.chmod(0o600)
+def config(site: str, port: int, credentials: Path, more: str) -> str:
     return f"""
 site = "{site}"
 [[listen]]
 bind = "tcp://127.0.0.1:0"
 [fleet]
 servers = ["nats://127.0.0.1:{port}"]
-user = "{site}"
-password = {{ file = "{secret}" }}
+credentials = "{credentials}"
 [[access]]
 from = ["127.0.0.0/8"]
 allow = ["read", "write"]
@@ -135,10 +131,10 @@ class Fleet:
         enter(self.device)
         self.hub, self.wan, self.leaf = enter(hub_and_leaf(self._folder))
         asks = upstream("plant-1", "41-43", self._timeout) + upstream("plant-3", "31", self._timeout)
-        self.start("control", self.hub.port, "control", asks)
-        self.start("plant-1", self.hub.port, "plant-1", line(self.device, self._timeout))
+        self.start("control", self.hub.port, asks)
+        self.start("plant-1", self.hub.port, line(self.device, self._timeout))
         asks = upstream("control", "201", self._timeout) + IMAGE.format(31, 33)
-        self.start("plant-3", self.leaf.port, "gateway", asks)
+        self.start("plant-3", self.leaf.port, asks)
         ask_until(self.control, 41, READ, "03 02 00 00")
         ask_until(self.control, 31, READ, "03 02 00 21")
         return self
@@ -146,11 +142,15 @@ class Fleet:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def start(self, site: str, port: int, password: str, more: str) -> GatewayProcess:
+    def credentials(self, site: str) -> Path:
+        """The login of a site."""
+        return self._folder / "hub" / f"{site}.creds"
+
+    def start(self, site: str, port: int, more: str) -> GatewayProcess:
         folder = self._folder / f"{site}-{len(self.gateways)}"
         folder.mkdir()
         more += IMAGE.format(201, 11) if site == "control" else ""
-        gateway = self._stack.enter_context(GatewayProcess(folder, config(site, folder, port, password, more)))
+        gateway = self._stack.enter_context(GatewayProcess(folder, config(site, port, self.credentials(site), more)))
         self.gateways[site] = gateway
         return gateway
 
@@ -247,7 +247,7 @@ def test_a_gateway_starts_and_serves_without_nats_and_finds_it_later(fleet: Flee
     fleet.hub.kill()
     assert ask_until(fleet.control, 41, READ, "83 0A", "83 0B")
     more = IMAGE.format(7, 77) + upstream("plant-1", "41")
-    late = fleet.start("control", fleet.hub.port, "control", more)
+    late = fleet.start("control", fleet.hub.port, more)
     assert ask(late, 7, READ).pdu == "03 02 00 4D"
     assert ask(late, 41, READ).pdu == "83 0A"
     fleet.hub.start()
@@ -260,9 +260,8 @@ def test_a_site_that_claims_the_name_of_another_gets_nothing(fleet: Fleet) -> No
     for claimed in ("control", "plant-1"):
         folder = fleet.control.config.parent.parent / f"liar-{claimed}"
         folder.mkdir()
-        secret = config(claimed, folder, fleet.hub.port, "plant-1" if claimed == "control" else "control", "")
-        user = "plant-1" if claimed == "control" else "control"
-        text = secret.replace(f'user = "{claimed}"', f'user = "{user}"')
+        real = "plant-1" if claimed == "control" else "control"
+        text = config(claimed, fleet.hub.port, fleet.credentials(real), "")
         other = "plant-1" if claimed == "control" else "plant-3"
         text += upstream(other, "42" if claimed == "control" else "31") + IMAGE.format(41, 66)
         with GatewayProcess(folder, text) as liar:

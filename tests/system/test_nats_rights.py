@@ -1,4 +1,4 @@
-"""The configs of deploy/nats, with a real server: who may say what to whom, by site."""
+"""The configs that `fleet hub` writes, with a real server: who may say what to whom, by site."""
 
 import asyncio
 import base64
@@ -7,6 +7,7 @@ import re
 import socket
 import ssl
 from contextlib import AsyncExitStack, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
@@ -17,8 +18,11 @@ from nats.js.api import KeyValueConfig
 from nats.js.errors import KeyWrongLastSequenceError, NoStreamResponseError
 
 from gateway.fleet.bucket import LARGEST_VALUE
+from gateway.fleet.credentials import public_key, sign
+from gateway.fleet.hub.known import logins_in
+from kit.hub import SITES, connect, key_in, write_hub
 from kit.link import Link
-from kit.nats import CONFIGS, NatsServer, hub_and_leaf
+from kit.nats import NatsServer, hub_and_leaf
 from kit.pki import pki
 from kit.process import PATIENCE
 
@@ -40,15 +44,11 @@ class Site:
         self.refused: asyncio.Queue[str] = asyncio.Queue()
         self.client = Client()
 
-    async def connect(self, port: int, password: str) -> None:
-        await self.client.connect(
-            f"nats://127.0.0.1:{port}",
-            user=self.name,
-            password=password,
-            error_cb=self._refuse,
-            inbox_prefix=f"_INBOX.{self.name}",
-            allow_reconnect=False,
-        )
+    async def connect(self, port: int, folder: Path) -> None:
+        """Log in with the credentials file of the site in this folder."""
+        credentials = folder / "hub" / f"{self.name}.creds"
+        inbox = f"_INBOX.{self.name}"
+        await connect(self.client, port, credentials, error_cb=self._refuse, inbox_prefix=inbox)
 
     async def connect_by_token(self, port: int, token: str, key: "Key") -> None:
         await self.client.connect(
@@ -106,12 +106,8 @@ async def fleet(tmp_path):
     with hub_and_leaf(tmp_path) as (hub, link, leaf):
         found = Fleet(hub, leaf, link, Site("control"), Site("plant-1"), Site("plant-3"))
         async with AsyncExitStack() as stack:
-            for site, server, password in (
-                (found.control, hub, "control"),
-                (found.plant1, hub, "plant-1"),
-                (found.plant3, leaf, "gateway"),
-            ):
-                await site.connect(server.port, password)
+            for site, server in (found.control, hub), (found.plant1, hub), (found.plant3, leaf):
+                await site.connect(server.port, tmp_path)
                 stack.push_async_callback(site.client.close)
                 await site.listen()
             yield found
@@ -142,6 +138,54 @@ async def test_sites_ask_and_answer_one_another(fleet):
         assert await asks_and_answers(asker, other) == b"\x03\x02\x12\x34"
 
 
+async def test_a_site_asks_only_those_that_the_list_of_sites_names(tmp_path):
+    sites = 'control = "control"\nsites = ["east", "north"]\n'
+    config = (write_hub(tmp_path, sites).folder / "hub.conf").read_text()
+    async with AsyncExitStack() as stack:
+        hub = stack.enter_context(NatsServer(tmp_path, config=config))
+        control, east, north = Site("control"), Site("east"), Site("north")
+        for site in control, east, north:
+            await site.connect(hub.port, tmp_path)
+            stack.push_async_callback(site.client.close)
+            await site.listen()
+        for asked in east, north:
+            assert await asks_and_answers(control, asked) == b"\x03\x02\x12\x34"
+        for asker, asked in (east, north), (north, east), (east, control):
+            await asker.ask(asked.name)
+            assert (await asker.hears()).headers["Status"] == "503"
+        hub.reload(write_hub(tmp_path, sites + 'asks = { east = ["north"] }').folder / "hub.conf")
+        assert await asks_and_answers(east, north) == b"\x03\x02\x12\x34"
+        await north.ask("east")
+        assert (await north.hears()).headers["Status"] == "503"
+        assert all(site.refused.empty() for site in (control, east, north))
+
+
+async def test_at_a_reload_a_site_that_is_taken_out_is_disconnected_and_no_other(tmp_path):
+    first = write_hub(tmp_path, 'control = "control"\nsites = ["east", "west"]')
+    async with AsyncExitStack() as stack:
+        hub = stack.enter_context(NatsServer(tmp_path, config=(first.folder / "hub.conf").read_text()))
+        control, east, west = Site("control"), Site("east"), Site("west")
+        for site in control, east, west:
+            await site.connect(hub.port, tmp_path)
+            stack.push_async_callback(site.client.close)
+            await site.listen()
+        written = write_hub(tmp_path, 'control = "control"\nsites = ["east", "north"]')
+        assert (written.new, written.removed, written.useless) == (("north",), ("west",), ("west.creds",))
+        hub.reload(written.folder / "hub.conf")
+        north = Site("north")
+        await north.connect(hub.port, tmp_path)
+        stack.push_async_callback(north.client.close)
+        await north.listen()
+        for asked in east, north:
+            assert await asks_and_answers(control, asked) == b"\x03\x02\x12\x34"
+        await west.is_refused()
+        assert [site.client.is_connected for site in (control, east, north, west)] == [True, True, True, False]
+        with socket.create_connection(("127.0.0.1", hub.port), timeout=PATIENCE) as plain:
+            log_in(plain, "west", tmp_path)
+            with plain.makefile("rb") as lines:
+                assert b"Authorization Violation" in lines.read()
+
+
 @pytest.mark.parametrize("asker", ["plant1", "plant3"])
 async def test_it_says_at_once_that_nobody_is_there(fleet, asker):
     site = getattr(fleet, asker)
@@ -150,21 +194,28 @@ async def test_it_says_at_once_that_nobody_is_there(fleet, asker):
 
 
 @pytest.mark.parametrize("server", ["hub", "leaf"])
-async def test_a_message_of_more_than_64_kib_ends_the_connection_of_its_sender_and_no_other(fleet, server):
+async def test_a_message_of_more_than_64_kib_ends_the_connection_of_its_sender_and_no_other(fleet, server, tmp_path):
     site, node = (fleet.plant1, fleet.hub) if server == "hub" else (fleet.plant3, fleet.leaf)
-    password = "plant-1" if server == "hub" else "gateway"
     assert site.client.max_payload == LARGEST_VALUE
-    said = await asyncio.to_thread(publish_beyond, node.port, site.name, password, LARGEST_VALUE + 1)
+    said = await asyncio.to_thread(publish_beyond, node.port, site.name, tmp_path, LARGEST_VALUE + 1)
     assert b"Maximum Payload" in said
     assert await asks_and_answers(site, fleet.control) == b"\x03\x02\x12\x34"
 
 
-def publish_beyond(port: int, user: str, password: str, size: int) -> bytes:
+def log_in(plain: socket.socket, site: str, folder: Path) -> None:
+    """Log in as a site, in the text of the protocol."""
+    told = json.loads(plain.recv(65536).split(b" ", 1)[1])
+    key = key_in(folder / "hub" / f"{site}.creds")
+    hello = {"nkey": public_key(key), "sig": sign(key, told["nonce"]).decode(), "verbose": False}
+    plain.sendall(f"CONNECT {json.dumps(hello)}\r\n".encode())
+
+
+def publish_beyond(port: int, site: str, folder: Path, size: int) -> bytes:
     """Send a message of so many bytes; all that the server says until it ends the connection."""
     said = b""
     with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as plain:
-        hello = {"user": user, "pass": password, "verbose": False}
-        plain.sendall(f"CONNECT {json.dumps(hello)}\r\nPUB mbgw.{user}.clock {size}\r\n".encode())
+        log_in(plain, site, folder)
+        plain.sendall(f"PUB mbgw.{site}.clock {size}\r\n".encode())
         with suppress(ConnectionError):
             while data := plain.recv(4096):
                 said += data
@@ -184,9 +235,10 @@ async def test_a_site_with_a_leaf_node_may_not_ask_by_another_name(fleet):
     assert await fleet.control.hears_nothing()
 
 
-async def test_a_leaf_node_that_permits_everything_is_no_other_site_either(fleet):
+async def test_a_leaf_node_that_permits_everything_is_no_other_site_either(fleet, tmp_path):
     await asks_and_answers(fleet.plant3, fleet.control)
-    with LeafProtocol(fleet.hub.leaf_port, "plant-3", "plant-3") as forger:
+    password = logins_in((tmp_path / "hub" / "hub.conf").read_text())["plant-3"].password
+    with LeafProtocol(fleet.hub.leaf_port, "plant-3", password) as forger:
         forger.publish("mbgw.control.unit.3.from.plant-1", "mbgw")
         forger.publish("mbgw.control.unit.3.from.plant-3", "mbgw")
         forger.publish("mbgw.control.answer.plant-1.7")
@@ -277,13 +329,13 @@ async def test_each_site_writes_its_own_status_and_reads_all_wherever_it_is(flee
         assert [(await store.get(site.name)).value.decode() for site in stores] == ["control", "plant-1", "plant-3"]
 
 
-@pytest.mark.parametrize("forger", ["plant1", "plant3"])
-async def test_a_site_may_not_write_the_status_of_another(fleet, forger):
+@pytest.mark.parametrize(("forger", "other"), [("plant1", "control"), ("plant3", "control"), ("control", "plant-1")])
+async def test_a_site_may_not_write_the_status_of_another(fleet, forger, other):
     await create(fleet.control, "mbgw-status")
     site = getattr(fleet, forger)
     store = await buckets(site, "mbgw-status")
     with pytest.raises((TimeoutError, NoStreamResponseError)):
-        await asyncio.wait_for(store.put("control", b"gone"), 1.0)
+        await asyncio.wait_for(store.put(other, b"gone"), 1.0)
     assert "publish" in await site.is_refused()
 
 
@@ -318,36 +370,34 @@ async def test_without_the_way_to_the_hub_a_site_has_its_leases_and_itself(fleet
     assert await asks_and_answers(fleet.control, fleet.plant3)
 
 
-#: To what a site could have the server's answers go: what is another's, and what would empty a bucket.
-NOT_ITS_OWN = (
-    "mbgw.control.unit.3.from.plant-3",
-    "mbgw.control.answer.plant-3.7",
-    "mbgw.plant-3.clock",
-    "$KV.mbgw-lease.control.hall-a",
-    "$KV.mbgw-status.control",
-    "$JS.API.STREAM.PURGE.KV_mbgw-lease",
-    "$JS.API.STREAM.PURGE.KV_mbgw-status",
-)
-
-
-async def test_what_the_server_answers_a_site_goes_to_no_other_and_changes_no_other_key(fleet):
+@pytest.mark.parametrize(("forger", "other"), [("plant1", "control"), ("control", "plant1")])
+async def test_what_the_server_answers_a_site_goes_to_no_other_and_changes_no_other_key(fleet, forger, other):
     """The server looks at no reply subject, so in an account of all sites it would: hence an account for each."""
-    for name, key in ("mbgw-lease", "control.hall-a"), ("mbgw-status", "control"):
-        await (await create(fleet.control, name)).create(key, b"mine")
-    site = fleet.plant1.client
-    for reply in NOT_ITS_OWN:
+    forger, other = getattr(fleet, forger), getattr(fleet, other)
+    keys = ("mbgw-lease", f"{other.name}.hall-a"), ("mbgw-status", other.name)
+    for name, key in keys:
+        await create(fleet.control, name)
+        await (await buckets(other, name)).create(key, b"mine")
+    for reply in (
+        f"mbgw.{other.name}.unit.3.from.plant-3",
+        f"mbgw.{other.name}.answer.plant-3.7",
+        "mbgw.plant-3.clock",
+        *(f"$KV.{name}.{key}" for name, key in keys),
+        "$JS.API.STREAM.PURGE.KV_mbgw-lease",
+        "$JS.API.STREAM.PURGE.KV_mbgw-status",
+    ):
         for subject, body in (
-            ("$KV.mbgw-lease.plant-1.hall-a", b"x"),
-            ("$KV.mbgw-status.plant-1", b"x"),
+            (f"$KV.mbgw-lease.{forger.name}.hall-a", b"x"),
+            (f"$KV.mbgw-status.{forger.name}", b"x"),
             ("$JS.API.STREAM.INFO.KV_mbgw-status", b""),
-            ("$JS.API.STREAM.MSG.GET.KV_mbgw-status", b'{"last_by_subj": "$KV.mbgw-status.plant-1"}'),
+            ("$JS.API.STREAM.MSG.GET.KV_mbgw-status", f'{{"last_by_subj": "$KV.mbgw-status.{forger.name}"}}'.encode()),
         ):
-            await site.publish(subject, body, reply=reply)
-    assert await fleet.control.hears_nothing()
-    for name, key in ("mbgw-lease", "control.hall-a"), ("mbgw-status", "control"):
-        assert (await (await buckets(fleet.plant1, name)).get(key)).value == b"mine"
-    own = await buckets(fleet.plant1, "mbgw-lease")
-    assert (await own.get("plant-1.hall-a")).value == b"x", "the server has taken none of it"
+            await forger.client.publish(subject, body, reply=reply)
+    assert await other.hears_nothing()
+    for name, key in keys:
+        assert (await (await buckets(forger, name)).get(key)).value == b"mine"
+    own = await buckets(forger, "mbgw-lease")
+    assert (await own.get(f"{forger.name}.hall-a")).value == b"x", "the server has taken none of it"
 
 
 @pytest.mark.parametrize("holder", ["plant1", "plant3"])
@@ -368,70 +418,71 @@ async def test_a_site_reads_no_bucket_by_direct_get(fleet):
 
 def test_a_connection_has_a_bound_of_subscriptions(tmp_path):
     with (
-        NatsServer(tmp_path, config=(CONFIGS / "hub.conf").read_text()) as hub,
+        NatsServer(tmp_path, config=(write_hub(tmp_path).folder / "hub.conf").read_text()) as hub,
         socket.create_connection(("127.0.0.1", hub.port), timeout=PATIENCE) as plain,
         plain.makefile("rb") as lines,
     ):
-        login = json.dumps({"user": "plant-1", "pass": "plant-1"}).encode()
+        log_in(plain, "plant-1", tmp_path)
         subscriptions = b"".join(b"SUB mbgw.*.clock %d\r\n" % number for number in range(2001))
-        plain.sendall(b"CONNECT " + login + b"\r\n" + subscriptions + b"PING\r\n")
+        plain.sendall(subscriptions + b"PING\r\n")
         assert any(b"maximum subscriptions exceeded" in line for line in iter(lines.readline, b"PONG\r\n"))
 
 
-async def test_a_site_does_not_take_the_connections_of_others(fleet):
+async def test_a_site_does_not_take_the_connections_of_others(fleet, tmp_path):
     async with AsyncExitStack() as stack:
         for _ in range(19):
             site = Site("plant-1")
-            await site.connect(fleet.hub.port, "plant-1")
+            await site.connect(fleet.hub.port, tmp_path)
             stack.push_async_callback(site.client.close)
         with socket.create_connection(("127.0.0.1", fleet.hub.port), timeout=PATIENCE) as plain:
-            plain.sendall(b'CONNECT {"user":"plant-1","pass":"plant-1"}\r\n')
+            log_in(plain, "plant-1", tmp_path)
             with plain.makefile("rb") as lines:
                 assert b"maximum account active connections exceeded" in lines.read()
         another = Site("control")
-        await another.connect(fleet.hub.port, "control")
+        await another.connect(fleet.hub.port, tmp_path)
         await another.client.close()
 
 
-async def test_nobody_gets_in_without_a_password(fleet):
+async def test_nobody_gets_in_without_a_key(fleet, tmp_path):
+    password = logins_in((tmp_path / "hub" / "hub.conf").read_text())["plant-3"].password
+    key = public_key(key_in(tmp_path / "hub" / "control.creds"))
     for server in fleet.hub, fleet.leaf:
-        for login in {}, {"user": "control", "pass": "guess"}:
+        for login in {}, {"user": "plant-3", "pass": password}, {"nkey": key, "sig": "AAAA"}:
             with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE) as plain:
                 plain.sendall(f"CONNECT {json.dumps(login)}\r\n".encode())
                 with plain.makefile("rb") as lines:
                     assert b"Authorization Violation" in lines.read()
 
 
-async def test_with_the_lines_for_tls_nothing_is_said_in_the_clear(tmp_path):
-    files = {"/etc/nats/server.crt": "server.crt", "/etc/nats/server.key": "server.key", "/etc/nats/ca.crt": "ca.crt"}
-    hub, leaf = ((CONFIGS / name).read_text() for name in ("hub.conf", "leaf.conf"))
-    hub = hub.replace("# tls {", "tls {")
-    leaf = leaf.replace('7422" }', '7422", tls { ca_file: "/etc/nats/ca.crt" } }').replace("nats-leaf://", "tls://")
-    for path, name in files.items():
-        hub, leaf = (text.replace(path, str(pki() / name)) for text in (hub, leaf))
+async def test_with_a_certificate_nothing_is_said_in_the_clear(tmp_path):
+    files = {
+        key: pki() / name for key, name in (("certificate", "server.crt"), ("key", "server.key"), ("ca", "ca.crt"))
+    }
+    made = write_hub(tmp_path, SITES + "".join(f'{key} = "{file}"\n' for key, file in files.items())).folder
+    hub, leaf = ((made / name).read_text() for name in ("hub.conf", "plant-3.leaf.conf"))
+    hub = hub.replace("0.0.0.0", "127.0.0.1")
     with NatsServer(tmp_path, config=hub) as server, NatsServer(tmp_path, config=leaf, leaf_of=server) as node:
         node.wait_for_leaves()
-        context = ssl.create_default_context(cafile=pki() / "ca.crt")
         client = Client()
-        address = f"tls://127.0.0.1:{server.port}"
-        await client.connect(address, user="control", password="control", tls=context, allow_reconnect=False)
+        await connect(client, server.port, made / "control.creds", tls=ssl.create_default_context(cafile=files["ca"]))
         await client.close()
         with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE) as plain:
             assert json.loads(plain.recv(65536).split(b" ", 1)[1])["tls_required"] is True
 
 
-def rights(site: str) -> tuple[list[str], list[str]]:
-    """What this site may publish and hear, by the config of the hub, but for making buckets."""
-    told = (CONFIGS / "hub.conf").read_text().partition(f"\n{site}: {{")[2]
-    publish, _, subscribe = told.partition("subscribe:")
-    may = [each for each in re.findall(r'"([^"]+\.[^"]+)"', publish) if ".CREATE." not in each]
-    return may, re.findall(r'"([^"]+)"', subscribe.partition("]")[0])
+def rights(site: str, folder: Path) -> tuple[list[str], list[str]]:
+    """What a site of a fleet without leaf nodes may publish and hear at the hub, by its own name for it."""
+    told = (write_hub(folder, f'control = "x"\nsites = ["{site}"]').folder / "hub.conf").read_text()
+    publish, _, subscribe = told.partition(f'\n  "{site}": {{')[2].partition("subscribe:")
+    return re.findall(r'"([^"]+)"', publish), re.findall(r'"([^"]+)"', subscribe.partition("]")[0])
 
 
 async def test_one_template_gives_each_site_with_credentials_only_its_own_rights(tmp_path):
     """For fleets whose sites are not in the server's config: what their tokens may do follows from the name there."""
     operators = pytest.importorskip("kit.nats_tokens", reason="it needs cryptography")
-    publish, subscribe = ([right.replace("control", "{{name()}}") for right in some] for some in rights("control"))
+    publish, subscribe = (
+        [right.replace("control", "{{name()}}") for right in some] for some in rights("control", tmp_path)
+    )
     operator = operators.Operator(publish, subscribe)
     with NatsServer(tmp_path, operator.settings) as server:
         north, south = Site("north"), Site("south")

@@ -7,7 +7,7 @@ own JetStream; so a mapping renames them, and an import with the new name leads 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from gateway.fleet.subjects import all_answers, answer_folder, clock_subject
+from gateway.fleet.subjects import LEASES, STATUS, all_answers, answer_folder, clock_subject
 
 #: Buckets, by the first part of the names that their subjects have in the accounts of sites.
 BUCKETS: Final[Mapping[str, str]] = {"status": STATUS, "lease": LEASES}
