@@ -5,4 +5,6 @@
 - presence     the status that each site publishes
 - lease, lease_records, lease_entry, standby    which of several gateways may send on a line
 - link, connection, calls, bucket    the connection to NATS and its key-value store
+- credentials    the file with which a site logs in
+- hub          the config of the NATS server, and the logins, of all sites
 """

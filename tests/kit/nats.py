@@ -85,7 +85,7 @@ class NatsServer:
         return self._process.pid
 
     def reload(self, config: Path) -> None:
-        """Let it read another config that `fleet hub` has written, without a restart."""
+        """Let it read another config that `fleet hub` has written, without a restart. A new site needs two reloads."""
         self._config.write_text(self._moved(config.read_text()))
         reloads = self.log.count("Reloaded server configuration")
         self._process.send_signal(signal.SIGHUP)

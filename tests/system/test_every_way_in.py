@@ -167,7 +167,9 @@ class Plant:
         self._token = _users(folder)
         (folder / "relay.py").write_text(RELAY)
         config = CONFIG.format(folder=folder, device=self.device.port, broker=self._broker.port, tls=listener())
-        self.gateway = enter(GatewayProcess(folder, config + FLEET.format(folder=folder, port=hub.port, site="plant-1") + ROWS))
+        self.gateway = enter(
+            GatewayProcess(folder, config + FLEET.format(folder=folder, port=hub.port, site="plant-1") + ROWS)
+        )
         ports = [int(each.rsplit(":", 1)[1]) for each in self.gateway.first("ready")["listeners"]]
         self._tcp, self._over, self._udp, self._alone, self._tls = ports
         self._web = self.gateway.first("web_up")["address"]

@@ -169,15 +169,18 @@ async def test_at_a_reload_a_site_that_is_taken_out_is_disconnected_and_no_other
             await site.connect(hub.port, tmp_path)
             stack.push_async_callback(site.client.close)
             await site.listen()
+        await create(control, "mbgw-status")
         written = write_hub(tmp_path, 'control = "control"\nsites = ["east", "north"]')
         assert (written.new, written.removed, written.useless) == (("north",), ("west",), ("west.creds",))
-        hub.reload(written.folder / "hub.conf")
+        for _ in range(2):
+            hub.reload(written.folder / "hub.conf")
         north = Site("north")
         await north.connect(hub.port, tmp_path)
         stack.push_async_callback(north.client.close)
         await north.listen()
         for asked in east, north:
             assert await asks_and_answers(control, asked) == b"\x03\x02\x12\x34"
+            await (await buckets(asked, "mbgw-status")).put(asked.name, b"up")
         await west.is_refused()
         assert [site.client.is_connected for site in (control, east, north, west)] == [True, True, True, False]
         with socket.create_connection(("127.0.0.1", hub.port), timeout=PATIENCE) as plain:

@@ -50,8 +50,8 @@ function _shtab_modbus_gateway_using
   test "$_shtab_modbus_gateway_cmdpath" = "$argv"
 end
 
-set -g _shtab_modbus_gateway_commands demo run check reload status values trace events doctor support read write ask forget scan calibrate bench profile map ports simulate import completion user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
-set -g _shtab_modbus_gateway_opts_with_value --at --baud --client --color --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --line --mode --moving-unit --name --noise --pcapng --port --profile --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
+set -g _shtab_modbus_gateway_commands demo run check reload status values trace events doctor support read write ask forget scan calibrate bench profile map ports simulate import completion fleet 'fleet hub' user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
+set -g _shtab_modbus_gateway_opts_with_value --at --baud --client --color --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --line --mode --moving-unit --name --noise --pcapng --port --profile --renew --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
 complete -c modbus-gateway -f
@@ -268,6 +268,14 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_mod
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using completion' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using completion' -l color -xka "auto always never" -d 'when to use colour (default auto: on a terminal, unless NO_COLOR is set)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using completion; and test $_shtab_modbus_gateway_npos -eq 0' -ka "bash zsh fish" -d 'the shell that reads it'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a fleet -d 'Write the config of the NATS server of a fleet, and the logins of its sites.'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using fleet' -s h -l help -d 'show this help message and exit'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using fleet' -l color -xka "auto always never" -d 'when to use colour (default auto: on a terminal, unless NO_COLOR is set)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using fleet; and test $_shtab_modbus_gateway_npos -eq 0' -a hub -d 'write the config of the NATS server, and a login for each site'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using fleet hub' -s h -l help -d 'show this help message and exit'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using fleet hub' -l renew -x -d 'give this site a new key: the old one is refused afterwards'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using fleet hub' -l json -d 'print JSON instead of text'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using fleet hub; and test $_shtab_modbus_gateway_npos -eq 0' -ka "(__fish_complete_path (commandline -ct))" -d 'the sites, and who asks whom (TOML)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a user -d 'Manage the users of the web page, and tokens of programs.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user' -s h -l help -d 'show this help message and exit'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using user; and test $_shtab_modbus_gateway_npos -eq 0' -a add -d 'add a user'

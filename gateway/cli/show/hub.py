@@ -13,7 +13,11 @@ _MOST_NAMES: Final = 5
 _AT_HUB: Final = """
 At the machine of the hub:
   sudo install -o nats -g nats -m 600 {config} /etc/nats-server.conf
-  sudo nats-server -t -c /etc/nats-server.conf && sudo systemctl {verb} nats-server"""
+  sudo nats-server -t -c /etc/nats-server.conf
+  {load}"""
+_RESTART: Final = "sudo systemctl restart nats-server"
+#: A new account reaches the buckets only after the second reload of nats-server (2.9.10).
+_RELOAD: Final = "sudo systemctl reload nats-server && sleep 5 && sudo systemctl reload nats-server"
 
 _AT_SITE: Final = """
 At each new site, with its own {creds}:
@@ -44,7 +48,7 @@ def _lines(hub: Hub, written: Written) -> Iterator[str]:
         yield f"Removed: {_named(written.removed)}. After a reload the hub refuses their keys."
     if written.useless:
         yield f"Not used any more, and can be deleted: {_named(written.useless)}."
-    yield _AT_HUB.format(config=folder / CONFIG, verb="reload" if written.kept else "restart")
+    yield _AT_HUB.format(config=folder / CONFIG, load=_RELOAD if written.kept else _RESTART)
     if written.new:
         yield _AT_SITE.format(site="SITE", creds=f"SITE{CREDENTIALS}", server=_server(hub)) + _authority(hub)
     if hub.leaf_nodes:

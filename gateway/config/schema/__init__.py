@@ -5,5 +5,6 @@
 - mapped       a row of a virtual unit
 - gateway      `[self]`, `[control]`, `[trace]` and `[log]`
 - web, mqtt, fleet    the add-ons
+- hub          the file of `fleet hub`
 - table        what each table knows of itself
 """

@@ -1,7 +1,7 @@
 """The kinds of values that keys have: what a user writes becomes what parts are given.
 
 - key_types, kind    the types of keys, and what the documents say of each
-- address, port, networks, site, broker, fleet    where something is
+- address, port, networks, site, broker, fleet, hub    where something is
 - duration, size, limits, character_format    amounts
 - names, reserved_names, files, python_class    text
 - unitset, ranges, point_keys    units, addresses, points
