@@ -1,6 +1,5 @@
 """Counters of the requests to one unit: plain integers, because they are on the request path."""
 
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from operator import attrgetter
@@ -88,7 +87,7 @@ class UnitCounts(dict[int, Counts]):
         super().__init__()
         self.times: dict[int, Times] = {}
         self.codes: dict[int, int] = {}
-        self.received_instead: deque[bytes] = deque(maxlen=_KEPT)
+        self.received_instead: tuple[bytes, ...] = ()
         self.why = ""
         self.last_error = ""
         self.last_error_at = NEVER
@@ -121,7 +120,7 @@ class UnitCounts(dict[int, Counts]):
         """Record the bytes that came in place of a response, and `why` they are none, empty if unknown."""
         self.why = why
         if received and not why:
-            self.received_instead.append(received)
+            self.received_instead = (*self.received_instead, received)[-_KEPT:]
 
     def record_error(self, error: str, now: float) -> None:
         """Record the result of a request that was sent and failed."""

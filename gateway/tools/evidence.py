@@ -178,7 +178,7 @@ def unit_evidence(part: Owner, device: Device) -> UnitEvidence:
         limit=max((each.limit for each in times), default=0.0),
         limit_share=merged(SHARES, (each.share for each in times)).quantile(0.99),
         twice=overheard.second_responses.get(device.unit, 0),
-        instead=tuple(counts.received_instead),
+        instead=counts.received_instead,
         explained=whole.explained,
         why=counts.why,
         in_a_row=device.breaker.failures,

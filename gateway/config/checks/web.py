@@ -26,8 +26,8 @@ def _check_bind(web: Web, config: Config) -> Iterator[Problem]:
     """Find the listeners that have the address of the page."""
     where = "in {}" if config.listen else "by {}"
     for bind, source in listening(config):
-        takes_ipv4 = not any(bind.takes_ipv4_of(other.bind) for other in config.listen)
-        if bind.collides_with(web.bind) or (takes_ipv4 and bind.takes_ipv4_of(web.bind)):
+        takes_ipv4 = bind.takes_ipv4_of(web.bind) and not any(bind.takes_ipv4_of(one.bind) for one in config.listen)
+        if takes_ipv4 or bind.collides_with(web.bind):
             yield taken((*web.path, "bind"), web.bind, bind, where.format(source))
 
 

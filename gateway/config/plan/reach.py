@@ -34,7 +34,8 @@ def leads_everywhere(config: Config) -> bool:
 
 def listeners_for(part: Line | Upstream, config: Config) -> list[Listen]:
     """List the listeners that lead to this line or upstream alone."""
-    return [listen for listen in config.listen if only_part(listen) == part.label]
+    label = part.label
+    return [listen for listen in config.listen if only_part(listen) == label]
 
 
 def client_lines(config: Config) -> list[Line]:

@@ -66,8 +66,10 @@ class Address:
 
     def takes_ipv4_of(self, other: "Address") -> bool:
         """Tell whether it is [::], which takes IPv4 clients too, and `other` an IPv4 address with the same port."""
+        if not self.has_port_of(other):
+            return False
         mine, others = _ip(self.host), _ip(other.host)
-        if mine is None or others is None or not self.has_port_of(other):
+        if mine is None or others is None:
             return False
         return mine.is_unspecified and (mine.version, others.version) == (6, 4)
 
