@@ -2,7 +2,7 @@
 
 - asker, exchange    requests to units of other sites
 - owner, slots, serving, clock    requests from other sites, their limits and deadlines
-- presence     the status that each site publishes
+- presence, inventory    the status that each site publishes, and what it is and has
 - lease, lease_records, lease_entry, standby    which of several gateways may send on a line
 - link, connection, calls, bucket    the connection to NATS and its key-value store
 - credentials    the file with which a site logs in

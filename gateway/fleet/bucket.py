@@ -1,7 +1,7 @@
 """A bucket of the key-value store of NATS."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Collection
 from contextlib import suppress
 from typing import Final, TypeVar
 
@@ -19,7 +19,7 @@ LARGEST_VALUE: Final = 64 * 1024
 #: How long the server remembers message identifiers, in seconds. Gateways send none.
 _REMEMBERED: Final = 0.1
 #: The most entries requested at once.
-_QUESTIONS: Final = 32
+_QUESTIONS: Final = 64
 
 T = TypeVar("T")
 
@@ -93,10 +93,14 @@ class Bucket:
         """Write a value in any case. Return its revision."""
         return await self._result(self._store.put(key, value))
 
-    async def entries(self) -> list[Entry]:
-        """Read all entries, with times, a few at once."""
-        info = await self._result(self._stream.stream_info(self._stream_name, f"{self._prefix}>"))
-        found = await self._ask_for_all(list(info.state.subjects or ()))
+    async def entries(self, only: Collection[str] | None = None) -> list[Entry]:
+        """Read all entries, or those for these keys, with times, some at once."""
+        if only is None:
+            info = await self._result(self._stream.stream_info(self._stream_name, f"{self._prefix}>"))
+            subjects = list(info.state.subjects or ())
+        else:
+            subjects = [f"{self._prefix}{key}" for key in only]
+        found = await self._ask_for_all(subjects)
         return [each for each in found if each is not None]
 
     @property

@@ -14,9 +14,9 @@ MOST_HOPS: Final = 4
 _LONGEST: Final = 64
 
 
-def text_of(value: str) -> str:
-    """Make text from another site safe to log and show: printable, and at most 64 characters."""
-    return "".join(each for each in value[:_LONGEST] if each.isprintable())
+def text_of(value: str, longest: int = _LONGEST) -> str:
+    """Make text from another site safe to log and show: printable, and not too long."""
+    return "".join(each for each in value[:longest] if each.isprintable())
 
 
 def hops_of(value: str) -> int:

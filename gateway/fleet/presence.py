@@ -2,14 +2,17 @@
 
 import asyncio
 import json
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from math import isfinite
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from gateway.clock.times import rfc_3339
 from gateway.errors import FleetError
 from gateway.events import Emit, PartFailed
 from gateway.fleet.headers import text_of
+from gateway.fleet.inventory import MOST_NAMES, inventory_in
 from gateway.fleet.messages import Entry
 from gateway.fleet.status import SiteStatus
 
@@ -23,8 +26,8 @@ PERIOD: Final = 10.0
 LOST_AFTER: Final = 35.0
 #: Seconds between attempts while a site has no status yet.
 _START: Final = 0.5
-#: The most line names in an entry.
-_MOST_NAMES: Final = 100
+
+_NUMBER: Final = re.compile(r"([0-9]{1,18})")
 
 #: The status of a gateway, as JSON values.
 Told = Mapping[str, Any]
@@ -62,19 +65,20 @@ class Presence:
         with suppress(FleetError):
             await self._put("left")
 
-    async def sites(self) -> list[SiteStatus]:
-        """Read the status of all sites, sorted by name.
+    async def sites(self, only: Collection[str] | None = None) -> list[SiteStatus]:
+        """Read the status of all sites, or of those in `only` and this one; sorted by name.
 
         Raises:
             FleetError: the bucket cannot be read.
         """
         with suppress(FleetError):
             await self._put("up")
-        entries = await (await self._bucket()).entries()
+        keys = None if only is None else {*only, self.site}
+        entries = await (await self._bucket()).entries(keys)
         # The server's time, from our own entry just stored there: no two clocks are compared.
         mine = next((each.created for each in entries if each.key == self.site and not self.reason), None)
         now = mine or self._unix()
-        found = (status_of(each, now) for each in sorted(entries, key=lambda entry: entry.key))
+        found = (status_of(each, now) for each in sorted(entries, key=lambda entry: _counting(entry.key)))
         return [each for each in found if each is not None]
 
     async def _renew(self) -> None:
@@ -91,7 +95,7 @@ class Presence:
         told = self._tell()
         if not told:
             raise FleetError("it has just started")
-        body = json.dumps({**told, "state": state}).encode()
+        body = json.dumps({**told, "state": state}, separators=(",", ":")).encode()
         await (await self._bucket()).put(self.site, body)
         self.reason = ""
 
@@ -105,22 +109,31 @@ def status_of(entry: Entry, now: float) -> SiteStatus | None:
     """Decode an entry at `now`, by the server's clock; None if it is malformed."""
     try:
         told = json.loads(entry.value)
-        age = max(0.0, now - (entry.created or now))
+        created = entry.created or now
+        age = max(0.0, now - created)
         state: Literal["up", "left", "lost"] = "left" if told["state"] == "left" else "up"
         if state == "up" and age > LOST_AFTER:
             state = "lost"
+        up = _seconds(told["up_s"])
         return SiteStatus(
             site=text_of(entry.key),
             state=state,
-            for_s=round(_seconds(told["up_s"]) + age if state == "up" else age, 1),
+            for_s=round(up + age if state == "up" else age, 1),
+            started=rfc_3339(created - up, "seconds"),
             host=text_of(str(told["host"])),
             version=text_of(str(told["version"])),
             lines=int(told["lines"]),
-            lines_down=tuple(text_of(str(each)) for each in told["lines_down"][:_MOST_NAMES]),
+            lines_down=tuple(text_of(str(each)) for each in told["lines_down"][:MOST_NAMES]),
             units=int(told["units"]),
+            inventory=inventory_in(told.get("inventory"), created),
         )
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
         return None
+
+
+def _counting(name: str) -> list[str | int]:
+    """Make the key by which plant-2 comes before plant-10."""
+    return [int(part) if part.isdecimal() else part for part in _NUMBER.split(name)]
 
 
 def _seconds(told: Any) -> float:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from gateway.fleet.inventory import SiteInventory
+
 
 @dataclass(frozen=True, slots=True)
 class FleetStatus:
@@ -40,15 +42,18 @@ class SiteStatus:
     """The status of a site, as published by itself. Times are in seconds.
 
     It is `up`, has `left`, or is `lost` because it has not renewed its entry. It is `silent` if this site uses its
-    units and does not hear it. It has been in this state for `for_s`. `lines` is the number of lines that are up;
-    `lines_down` names those that are down, and other servers and sites that it cannot reach. It serves `units` units.
+    units and does not hear it. It has been in this state for `for_s`, and `started` is when it last began to serve.
+    `lines` is the number of lines that are up; `lines_down` names those that are down, and other servers and sites that
+    it cannot reach. It serves `units` units. Old versions tell no `inventory`.
     """
 
     site: str
     state: Literal["up", "silent", "left", "lost"]
     for_s: float
+    started: str
     host: str
     version: str
     lines: int
     lines_down: tuple[str, ...]
     units: int
+    inventory: SiteInventory | None = None

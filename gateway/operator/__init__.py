@@ -7,6 +7,7 @@
 - operator     the running gateway, and what operations keep between requests
 - status, running, lines, units, forgetting    the status, the reload, lines, units, `forget`
 - inventory    what the gateway is and has
+- sites, sites_csv    which sites of a fleet are not fine, what they have in common; as a file for spreadsheets
 - troubles, unit_states    what is wrong now
 - requests, frames, complaint    a request to a unit, its frames on the line, and an exception in words
 - values       requests that read and write values, for all doors and for the command line without a gateway

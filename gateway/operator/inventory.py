@@ -4,10 +4,12 @@ import asyncio
 import hashlib
 import platform
 from collections.abc import Iterator
+from functools import partial
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.clock.times import rfc_3339
 from gateway.config.plan.settings import LinePlan, MonitorPlan, Plan, ServerPlan
+from gateway.config.reading.fingerprint import fingerprint
 from gateway.hardware.listing import describe_adapter
 from gateway.operator.answers.inventory import (
     AppliedConfig,
@@ -29,9 +31,10 @@ async def tell_inventory(operator: Operator, _asked: Nothing, _asker: Asker) -> 
     loop, running, reloader = asyncio.get_running_loop(), operator.running, operator.reloader
     plan, clock = running.gateway.plan, operator.clock()
     begin_of_loop = clock - loop.time()
-    sha256 = hashlib.sha256(reloader.text.encode()).hexdigest()
-    applied = AppliedConfig(reloader.place, sha256, rfc_3339(begin_of_loop + reloader.applied_at, "seconds"))
-    adapters = await loop.run_in_executor(ThreadPerCall("inventory"), lambda: tuple(_adapters(plan)))
+    sha256, since = hashlib.sha256(reloader.text.encode()).hexdigest(), begin_of_loop + reloader.applied_at
+    seen = partial(look_at_machine, plan, reloader.text)
+    mark, adapters = await loop.run_in_executor(ThreadPerCall("inventory"), seen)
+    applied = AppliedConfig(reloader.place, sha256, mark, rfc_3339(since, "seconds"))
     return Inventory(
         version=__version__,
         host=platform.node(),
@@ -43,6 +46,11 @@ async def tell_inventory(operator: Operator, _asked: Nothing, _asker: Asker) -> 
         devices=tuple(_devices(plan)),
         certificates=tuple(certificates(running.contexts, clock)),
     )
+
+
+def look_at_machine(plan: Plan, text: str) -> tuple[str, tuple[InventoryAdapter, ...]]:
+    """Return the fingerprint of the config with this `text`, and the adapters. Blocks."""
+    return fingerprint(text, plan.site), tuple(_adapters(plan))
 
 
 def _adapters(plan: Plan) -> Iterator[InventoryAdapter]:

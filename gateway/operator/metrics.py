@@ -42,6 +42,8 @@ _UNIT: Final = ("line", "unit", "function")
 async def read(running: Running) -> list[Family]:
     """Read all metrics of the running gateway, with pauses for its lines; each unit is read in its turn."""
     now = asyncio.get_running_loop().time
+    for each in running.add_ons:
+        await each.look()
     gateway = running.gateway
     requests, times, units, images = _Requests(), _Times(), _Units(), _Images()
     await in_slices(part for each in (requests, times, units) for owner in gateway.owners for part in each.read(owner))

@@ -95,8 +95,10 @@ FLEET: Final[Operation[Nothing, "Sites"]] = Operation(
     Nothing,
     "gateway.operator.answers.status:Sites",
     "reading",
-    "The sites of the fleet",
+    "The sites of the fleet: how they are doing, and what each is and has",
     by="gateway.operator.running:tell_sites",
+    path="/fleet",
+    refuses=(WrongQuestion,),
 )
 RELOAD: Final[Operation[Nothing, "Reloaded"]] = Operation(
     "reload",

@@ -35,6 +35,10 @@ def _cells(each: KnownValue) -> tuple[str, ...]:
     )
 
 
+def harmless(text: str) -> str:
+    """Put an apostrophe before text of others that a spreadsheet would take for a formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
 def _cell(value: object, text: str) -> str:
-    """Put an apostrophe before text of a device that a spreadsheet would take for a formula."""
-    return f"'{text}" if isinstance(value, str) and text.startswith(_FORMULA) else text
+    return harmless(text) if isinstance(value, str) else text

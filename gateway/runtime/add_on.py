@@ -46,6 +46,9 @@ class AddOn:
         """Return its state and its counters; None if the plan has no such section."""
         return None
 
+    async def look(self) -> None:
+        """Find out what its metrics need, unless it is known; do not wait for long."""
+
     def metrics(self) -> Iterable[Family]:
         """Return its metrics."""
         return ()

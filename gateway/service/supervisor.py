@@ -15,6 +15,7 @@ from gateway.runtime.summary import summary
 from gateway.runtime.tightness import TightLimits
 from gateway.service.systemd import Notifier
 from gateway.service.watchdog import watch
+from gateway.tools.site_inventory import keep_telling
 
 
 class Stop:
@@ -98,6 +99,7 @@ async def _serve_until(
     }
     if reloader is not None:
         works["keep config"] = reloader.keep_in_use
+        works["site inventory"] = partial(keep_telling, running, reloader)
     if running.troubles is not None:
         works["state folder"] = running.troubles.keep_looking
     try:

@@ -6,5 +6,6 @@
 - unused_port, page_scans    the same on a port that no line has, and scans on order of the web page
 - bench        the throughput of a line
 - hardware_report    the behaviour of an adapter
+- site_inventory    what other sites are told of this gateway
 - support, machine, bundle    a diagnostics bundle: what a gateway tells, what is seen without it, and the file
 """

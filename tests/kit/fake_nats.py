@@ -135,8 +135,8 @@ class FakeBucket:
         self.held[key] = Entry(key, value, 1, asyncio.get_running_loop().time() + self.offset)
         return 1
 
-    async def entries(self):
-        return list(self.held.values())
+    async def entries(self, only=None):
+        return [each for each in self.held.values() if only is None or each.key in only]
 
     async def bucket(self, name):
         assert name == "mbgw-status"

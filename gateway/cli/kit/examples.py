@@ -19,6 +19,8 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "status": (
         ("status", "lines, units and clients at the moment"),
         ("status -w", "the same, every second"),
+        ("status --fleet", "the sites of a fleet, those with trouble first"),
+        ("status --fleet --csv > sites.csv", "the inventory of all sites, for a spreadsheet"),
     ),
     "values": (
         ("values", "what was last heard of each point of all devices"),

@@ -5,16 +5,21 @@ import json
 import os
 import shutil
 import sys
+import time
+from functools import partial
 from typing import Any
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
+from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
 from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
-from gateway.cli.show.fleet import SITES
+from gateway.cli.show.fleet import sites_as_text
 from gateway.cli.show.status import show_status, status_screen
 from gateway.operator.answers.status import Sites, Status
 from gateway.operator.operation import Nothing
 from gateway.operator.operations import FLEET, STATUS
+from gateway.operator.sites import today
+from gateway.operator.sites_csv import sites_as_csv
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_control_argument(parser)
     parser.add_argument("-w", "--watch", action="store_true", help=WATCH_HELP)
     parser.add_argument("--fleet", action="store_true", help="show all sites of the fleet instead of this gateway")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    parser.add_argument("--all", action="store_true", help="with --fleet: of many sites, list those that are fine too")
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    output.add_argument("--csv", action="store_true", help="with --fleet: print CSV, with all that is known of a site")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,12 +39,16 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         DaemonError: no gateway answers.
     """
-    if args.json:
+    if (args.csv or args.all) and not args.fleet:
+        return tell_wrong_usage(WrongUsageError(f"--{'csv' if args.csv else 'all'} needs --fleet"))
+    if args.csv:
+        repeat(lambda: _csv(args), is_watched=args.watch)
+    elif args.json:
         repeat(lambda: json.dumps(_ask_for_json(args), indent=None if args.watch else 2), is_watched=args.watch)
     elif args.watch:
-        watch(lambda: _ask(args), _screen)
+        watch(lambda: _ask(args), partial(_screen, args))
     else:
-        print(_text(_ask(args)))
+        print(_text(args, _ask(args)))
     return FINE
 
 
@@ -51,16 +63,25 @@ def _ask_for_json(args: argparse.Namespace) -> Any:
         return {"sites": answer["sites"]} if args.fleet else answer["status"]
 
 
-def _text(told: Status | Sites) -> str:
+def _csv(args: argparse.Namespace) -> str:
+    told = _ask(args)
+    return sites_as_csv(told.sites).rstrip("\n") if isinstance(told, Sites) else ""
+
+
+def _sites(args: argparse.Namespace, told: Sites, width: int) -> str:
+    return sites_as_text(told, today(time.time()), width, shows_all=args.all)
+
+
+def _text(args: argparse.Namespace, told: Status | Sites) -> str:
     """Show it below what was printed before; names are whole where nobody sees the edge of the terminal."""
     columns = shutil.get_terminal_size().columns
     if isinstance(told, Sites):
-        return SITES.show(told, columns)
+        return _sites(args, told, columns)
     return show_status(told, columns, is_cut=sys.stdout.isatty() or "COLUMNS" in os.environ)
 
 
-def _screen(told: Status | Sites, width: int, part: str) -> Screen:
+def _screen(args: argparse.Namespace, told: Status | Sites, width: int, part: str) -> Screen:
     """Make the screen of `-w`."""
     if isinstance(told, Sites):
-        return Screen(SITES.show(told, width).splitlines())
+        return Screen(_sites(args, told, width).splitlines())
     return status_screen(told, width, part)

@@ -6,5 +6,6 @@
 - given_table    a config that a program has made as a table, without text
 - syntax, wording    what is wrong with text that is no TOML, and with values, in words
 - masking, excerpt, comparing    a file without its secrets, single lines of it, and two files line by line
+- fingerprint  tells whether sites have the same config
 - toml_text    TOML, written
 """

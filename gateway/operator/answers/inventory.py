@@ -9,10 +9,14 @@ from gateway.tls.status import CertificateStatus
 
 @dataclass(frozen=True, slots=True)
 class AppliedConfig:
-    """The config in use: its `file`, the SHA-256 of the text that was applied, in hexadecimal, and when that was."""
+    """The config in use: its `file`, the SHA-256 of the text that was applied, in hexadecimal, and when that was.
+
+    Sites have the same `fingerprint` if only their names, secrets and comments differ.
+    """
 
     file: str
     sha256: str
+    fingerprint: str
     applied: str
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
@@ -15,16 +15,18 @@ from gateway.config.values.reserved_names import FLEET
 from gateway.diagnosis.finding import Finding
 from gateway.errors import FleetError, PortError
 from gateway.fleet.counts import LostMessages, OwnerCounts
+from gateway.fleet.inventory import OwnInventory
 from gateway.fleet.settings import Login, Server
 from gateway.fleet.status import FleetStatus
 from gateway.observe.families import Family
-from gateway.ports.port import OpenPort, Port, PortUser
+from gateway.ports.port import OpenPort, Port, PortUser, SiteSettings
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_password, read_secret
 from gateway.routing.access import EntryPoint
 from gateway.runtime.add_on import AddOn
 from gateway.runtime.fleet.findings import findings_about, findings_about_upstream
-from gateway.runtime.fleet.metrics import metrics_of
+from gateway.runtime.fleet.known_sites import KnownSites
+from gateway.runtime.fleet.metrics import metrics_of, metrics_of_sites
 from gateway.runtime.fleet.presence import served_units, tell
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.routers import MakeRouter
@@ -61,6 +63,9 @@ class Fleet(AddOn):
         #: The gateway that other sites reach; None until clients can connect.
         self._gateway: Gateway | None = None
         self._has_left = False
+        #: What other sites are told beside the state of this one; None until somebody has looked.
+        self.inventory: OwnInventory | None = None
+        self._known = KnownSites(self._read_sites)
         self._task: asyncio.Task[None] | None = None
         self.plan: FleetPlan | None = None
         #: Why no other site can be reached while there is no `link`.
@@ -139,7 +144,8 @@ class Fleet(AddOn):
     def _told(self) -> Mapping[str, Any]:
         if self._gateway is None:
             return {}
-        return tell(self._gateway, self.router, asyncio.get_running_loop().time() - self._started)
+        now = asyncio.get_running_loop().time()
+        return tell(self._gateway, self.router, now - self._started, self.inventory, now)
 
     @property
     def is_busy(self) -> bool:
@@ -164,15 +170,28 @@ class Fleet(AddOn):
             task.cancel()
             await asyncio.wait((task,), timeout=_LEAVING_TIME)
 
-    async def sites(self) -> "list[SiteStatus]":
-        """List all sites, by name.
+    @property
+    def is_connected(self) -> bool:
+        """Whether NATS is reached."""
+        return self.link is not None and self.link.connection is not None
+
+    async def sites(self, kept: float = 0.0) -> "Sequence[SiteStatus]":
+        """List all sites, by name; the list may be `kept` seconds old.
 
         Raises:
             FleetError: NATS cannot be reached, or has no list of them.
         """
+        return await self._known.all(kept)
+
+    async def look(self) -> None:
+        """Look at the sites that this one asks."""
+        upstreams = () if self._gateway is None else self._gateway.plan.upstreams
+        await self._known.look({each.port.site for each in upstreams if isinstance(each.port, SiteSettings)})
+
+    async def _read_sites(self, only: Collection[str] | None = None) -> "Sequence[SiteStatus]":
         if self.presence is None or self.link is None or self.link.connection is None:
             raise FleetError(self.reason if self.link is None else f"NATS cannot be reached: {self.link.reason}")
-        return [self._as_heard(each) for each in await self.presence.sites()]
+        return tuple(self._as_heard(each) for each in await self.presence.sites(only))
 
     def _as_heard(self, status: "SiteStatus") -> "SiteStatus":
         """Show a site as silent if its units do not respond: its entry expires only much later."""
@@ -213,9 +232,9 @@ class Fleet(AddOn):
             up_ms=None if up_since is None else 1000 * (now - up_since),
         )
 
-    def metrics(self) -> Iterator[Family]:
-        """Return the metrics of requests from other sites."""
-        return metrics_of(self.status())
+    def metrics(self) -> Iterable[Family]:
+        """Return the metrics of requests from other sites, and of the sites that this one asks."""
+        return (*metrics_of(self.status()), *metrics_of_sites(self._known.asked))
 
     def findings(self) -> Iterator[Finding]:
         """Check whether NATS is reached, and delivers only what it should."""

@@ -20,7 +20,7 @@ from gateway.operator.answers.inventory import Inventory
 from gateway.operator.answers.known_values import KnownValues
 from gateway.operator.answers.past import LinePast, UnitPast
 from gateway.operator.answers.running import Reloaded
-from gateway.operator.answers.status import Lines, Status
+from gateway.operator.answers.status import Lines, Sites, Status
 from gateway.operator.answers.trend import PointTrend
 from gateway.operator.answers.unit import UnitPicture, Units
 from gateway.operator.answers.values import Cells, Points
@@ -41,7 +41,7 @@ Operations = Sequence[Operation[Any, Any]]
 #: Answers that may be long are written in a thread. One costs more than most answers: others are written at once.
 _LONG: Final = (
     *(Status, ConfigInUse, CheckedConfig, Lines, Happened, LinePast, Units, UnitPicture, UnitPast, Cells, Points),
-    *(Inventory, KnownValues, PointTrend),
+    *(Inventory, KnownValues, PointTrend, Sites),
 )
 _ENCODER: Final = json.JSONEncoder(default=fields_of, ensure_ascii=False)
 #: A parameter in the path of an operation.
