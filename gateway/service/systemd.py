@@ -5,6 +5,7 @@ See sd_notify(3), sd_watchdog_enabled(3) and sd_listen_fds(3). Without systemd n
 
 import os
 import socket
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Final
@@ -35,8 +36,8 @@ class Notifier:
         self.status(status)
 
     def reloading(self) -> None:
-        """Tell that the config is being read again; `ready` must follow."""
-        self._step("RELOADING=1")
+        """Tell that the config is being read again; `ready` must follow. With Type=notify-reload the time must be given."""
+        self._step(f"RELOADING=1\nMONOTONIC_USEC={time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000}")
 
     def status(self, text: str) -> None:
         """Set the text that `systemctl status` shows. systemd ignores one that is longer than 4096 bytes."""

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import socket
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -49,13 +50,16 @@ def notifier(systemd: socket.socket, **environment: str) -> Notifier:
 def test_it_hears_each_step(systemd: socket.socket) -> None:
     it = notifier(systemd)
     it.ready("1 of 1 lines up")
+    asked = time.monotonic_ns() // 1000
     it.reloading()
     it.status("busy")
     it.alive()
     it.stopping()
-    assert told(systemd) == [
-        "READY=1", "STATUS=1 of 1 lines up", "RELOADING=1", "STATUS=busy", "WATCHDOG=1", "STOPPING=1",
-    ]  # fmt: skip
+    ready, status, reloading, *others = told(systemd)
+    assert [ready, status, *others] == ["READY=1", "STATUS=1 of 1 lines up", "STATUS=busy", "WATCHDOG=1", "STOPPING=1"]
+    step, _, began = reloading.partition("\nMONOTONIC_USEC=")
+    assert step == "RELOADING=1"
+    assert asked <= int(began) <= time.monotonic_ns() // 1000
 
 
 def fill(systemd: socket.socket) -> None:

@@ -1,6 +1,6 @@
 """`completion`: lets a shell complete commands, options and their values.
 
-The scripts are made by deploy/command_files.py.
+The scripts are made by deploy/completions.py.
 """
 
 import argparse
