@@ -30,7 +30,7 @@ modbus-gateway - Modbus gateway for many serial lines
 
 # Description
 
-One daemon between Modbus clients on the network and serial lines full of Modbus devices. `modbus-gateway` COMMAND
+One program between Modbus clients on the network and serial lines full of Modbus devices. `modbus-gateway` COMMAND
 `--help` shows the arguments of a command, `modbus-gateway --version` the version. `mbgw` is the same program.
 """
 _AFTER_COMMANDS: Final = f"""\

@@ -206,6 +206,7 @@ def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
         (tmp_path / folder).mkdir(parents=True)
     for file in ("CHANGELOG.md", "CONTRIBUTING.md", "README.md", "LICENSE", "deploy/udev/modbus-gateway.rules"):
         (tmp_path / file).touch()
+    (tmp_path / "deploy/debian/control").write_text("Maintainer: somebody <x@y.example>\n")
     (tmp_path / "gateway/version.py").write_text('__version__ = "0"\n')
     (tmp_path / "systemd/modbus-gateway.service").touch()
     shutil.copy(DEPLOY / "build-deb", tmp_path / "deploy")
@@ -219,8 +220,12 @@ def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
     steps = [line for line in done.stderr.splitlines() if not line.startswith("python3 -m zipfile")]
     versions = ["3.11", "3.12", "3.13", "3.14"]
     fetching = [f"fetching libraries for Python {each} ..." for each in versions]
-    assert steps[::2] == [*fetching, "building the package ..."]
-    assert [f"--python-version {each} " in step for each, step in zip(versions, steps[1::2], strict=True)] == [True] * 4
+    *fetched, pages, installed, written, last = steps
+    assert fetched[::2] == fetching
+    assert [f"--python-version {each} " in step for each, step in zip(versions, fetched[1::2], strict=True)] == [True] * 4
+    assert (pages, last) == ("writing the manual pages ...", "building the package ...")
+    assert ("--target" in installed, "deploy.manual_pages" in written) == (True, True)
+    assert "\n -- somebody <x@y.example>  " in (tmp_path / "build/deb/debian/changelog").read_text()
     assert done.stdout.strip().endswith("dist/modbus-gateway_0_amd64.deb")
 
 
@@ -242,7 +247,7 @@ def test_what_the_pages_name_is_in_the_package_as_it_is_in_the_checkout():
     packed = (DEPLOY / "debian/install").read_text() + (DEPLOY / "debian/examples").read_text()
     pages = " ".join(page.read_text(encoding="utf-8") for page in (CHECKOUT / "docs").glob("*.md"))
     named = {each for each in re.findall(r"deploy/([a-z]+)\b", pages) if (DEPLOY / each).is_dir()}
-    of_checkouts = {"audit", "debian", "homeassistant", "man"}
+    of_checkouts = {"debian", "homeassistant"}
     assert {"keepalived", "nats", "udev"} <= named
     assert [each for each in sorted(named - of_checkouts) if f"deploy/{each}" not in packed] == []
     (compress,) = re.findall(r"dh_compress (.*)", (DEPLOY / "debian/rules").read_text())

@@ -1,140 +1,86 @@
-"""The manual page, the completions and the examples: made of what the command line understands."""
+"""The manual pages: made of what the command line and the config understand."""
 
 import re
 import subprocess
 from argparse import SUPPRESS
-from pathlib import Path
 
 import pytest
 
-from command_files import COMPLETIONS, MANUAL, command_files
+from deploy.manual_pages import pages
+from deploy.roff import manual_page
 from gateway.cli.kit.examples import EXAMPLES
-from gateway.cli.main import VERBS, main, parser_of_all
-from gateway.cli.verbs.completion import SCRIPTS
+from gateway.cli.main import VERBS, parser_of_all
+from gateway.config.schema.config import Config
+from gateway.config.schema.table import keys_of, row_model
 
-FILES = command_files()
-PAGE = FILES[MANUAL]
+PAGES = pages()
 
 
-def options(parser, *words):
-    """The options of a parser and of those in it, each with the words before them."""
+def shown(page):
+    """The page as it is read: without what roff is told."""
+    return re.sub(r"\\f[BIR]|\\%", "", page).replace("\\-", "-").replace("\\(aq", "'").replace("\\e", "\\")
+
+
+COMMAND, CONFIG = (shown(page) for page in PAGES.values())
+
+
+def options(parser):
+    """The options of a parser and of those in it, each with the name of its command."""
     for action in (each for each in parser._actions if each.help != SUPPRESS):
-        yield from ((words, flag) for flag in action.option_strings)
+        yield from ((parser.prog, flag) for flag in action.option_strings)
         if isinstance(action.choices, dict):
-            for word, each in action.choices.items():
-                yield from options(each, *words, word)
-
-
-OPTIONS = list(options(parser_of_all()[0]))
-
-
-def completed(shell: str, typed: str, folder: Path) -> set[str]:
-    """What a shell offers for the last of the words."""
-    script = COMPLETIONS / SCRIPTS[shell]
-    if shell == "fish":
-        ask = f'source {script}; complete -C "{typed}"'
-        words = ["fish", "--no-config", "-c", ask]
-    else:
-        ask = f'source {script}; COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); _shtab_modbus_gateway "$1"'
-        words = [
-            "bash",
-            "-c",
-            f'compopt() {{ :; }}; {ask}; printf "%s\\n" "${{COMPREPLY[@]}}"',
-            "bash",
-            *typed.split(" "),
-        ]
-    said = subprocess.run(words, capture_output=True, text=True, check=True, cwd=folder).stdout
-    return {line.partition("\t")[0] for line in said.splitlines()}
-
-
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
-def test_the_files_are_current(file):
-    assert file.read_text(encoding="utf-8") == FILES[file], "run: .venv/bin/python -m deploy.command_files"
-
-
-@pytest.mark.parametrize("shell", SCRIPTS)
-def test_the_command_prints_the_script(shell, capsys):
-    assert main(["completion", shell]) == 0
-    assert capsys.readouterr().out == FILES[COMPLETIONS / SCRIPTS[shell]]
+            for each in action.choices.values():
+                yield from options(each)
 
 
 def test_the_page_has_every_command_with_its_options_and_examples():
-    sections = dict(re.findall(r"^\.SS \\fB(.*)\\fR\n((?s:.*?))(?=^\.S[SH])", PAGE.replace("\\-", "-"), re.MULTILINE))
-    assert {" ".join(name.split()[1:2]) for name in sections} == set(VERBS)
-    for words, flag in OPTIONS:
-        if words and flag not in ("-h", "--help"):
-            assert f"\\fB{flag}\\fR" in sections[" ".join(("modbus-gateway", *words))]
+    sections = dict(re.findall(r"^\.SS (.*)\n((?s:.*?))(?=^\.S[SH])", COMMAND, re.MULTILINE))
+    assert {name.split()[1] for name in sections} == set(VERBS)
+    for command, flag in options(parser_of_all()[0]):
+        if command != "modbus-gateway" and flag not in ("-h", "--help"):
+            assert re.search(rf"^(\S.*, )?{flag}\b", sections[command], re.MULTILINE), (command, flag)
     for typed in (typed for verb in VERBS for typed, _ in EXAMPLES[verb]):
-        assert f"\n.B modbus-gateway {typed}\n" in PAGE.replace("\\-", "-")
+        assert f"\nmodbus-gateway {typed}\n" in COMMAND
+
+
+@pytest.mark.parametrize(("key", "field"), list(zip(keys_of(Config), Config.model_fields.values(), strict=True)))
+def test_the_page_of_the_config_has_every_key(key, field):
+    assert key in CONFIG
+    for inner in keys_of(row_model(field.annotation)) if row_model(field.annotation) else ():
+        assert re.search(rf"^\.TP\n{inner}; ", CONFIG, re.MULTILINE)
+
+
+def test_a_key_is_told_with_its_values_its_default_and_its_meaning():
+    assert "\n.TP\nbaud; number; default 19200\nAny rate; 14400 and other odd ones are set as custom rates.\n" in CONFIG
 
 
 @pytest.mark.needs("groff")
-def test_roff_has_no_complaints_about_the_page():
+@pytest.mark.parametrize("page", PAGES)
+def test_roff_has_no_complaints_about_the_page(page):
     words = ["groff", "-man", "-Tutf8", "-ww", "-z"]
-    done = subprocess.run(words, input=PAGE, capture_output=True, text=True, check=True)
+    done = subprocess.run(words, input=PAGES[page], capture_output=True, text=True, check=True)
     assert done.stderr == ""
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_command_has_an_example_in_its_help(verb, capsys):
-    with pytest.raises(SystemExit):
-        main([verb, "--help"])
-    said = capsys.readouterr().out
-    assert "example" in said
-    assert f"  modbus-gateway {verb}" in said
-
-
-@pytest.mark.parametrize(("verb", "typed"), [(verb, typed) for verb in VERBS for typed, _ in EXAMPLES[verb]])
-def test_the_examples_can_be_understood(verb, typed):
-    words = typed.split(" > ")[0].split()
-    assert words[0] == verb
-    parser_of_all()[1][verb].parse_args(words[1:])
-
-
-@pytest.mark.parametrize("shell", SCRIPTS)
-def test_every_command_and_option_is_completed(shell):
-    script = FILES[COMPLETIONS / SCRIPTS[shell]]
-    assert all(verb in script for verb in VERBS)
-    for _, flag in OPTIONS:
-        assert (f"-l {flag[2:]}" if shell == "fish" and flag.startswith("--") else flag.lstrip("-")) in script
-
-
-@pytest.mark.parametrize("shell", [pytest.param(shell, marks=pytest.mark.needs(shell)) for shell in SCRIPTS])
-def test_a_shell_can_read_its_script(shell):
-    subprocess.run([shell, "-n", COMPLETIONS / SCRIPTS[shell]], check=True)
-
-
-@pytest.mark.parametrize("shell", [pytest.param(shell, marks=pytest.mark.needs(shell)) for shell in ("bash", "fish")])
 @pytest.mark.parametrize(
-    ("typed", "offered"),
+    ("markdown", "roff"),
     [
-        ("modbus-gateway ", set(VERBS)),
-        ("modbus-gateway --", {"--help", "--version"}),
-        ("modbus-gateway check --j", {"--json"}),
-        ("modbus-gateway profile --mode a", {"ascii"}),
-        ("modbus-gateway import ", {"mbusd", "modbus-proxy", "csv", "home-assistant"}),
-        ("modbus-gateway ask tr", {"trace"}),
-        ("modbus-gateway certificates rev", {"revoke"}),
-        ("modbus-gateway user add --role ", {"viewer", "operator"}),
-        ("modbus-gateway check my", {"my.toml"}),
-        ("modbus-gateway status --config my", {"my.toml"}),
-        ("modbus-gateway import mbusd my", {"my.toml"}),
-        ("modbus-gateway simulate mint:1 --port my", {"my.toml"}),
+        ("# See also", ".SH SEE ALSO"),
+        ("### `[[line]]`", ".SS \\fB\\%[[line]]\\fR"),
+        ("one\ntwo `three four`", ".PP\none two \\fB\\%three \\%four\\fR"),
+        (".begins like a request", ".PP\n\\&.begins like a request"),
+        ("back\\slash and don't", ".PP\nback\\eslash and don\\(aqt"),
+        ("[a page](page.md#part), [TOML](https://toml.io)", ".PP\na page, TOML (\\%https://toml.io)"),
+        ("- one\n  more\n- two", ".IP \\(bu 4\none more\n.IP \\(bu 4\ntwo"),
+        ("```toml\na\n\n.b\n```", ".PP\n.RS 4\n.EX\na\n\n\\&.b\n.EE\n.RE"),
+        ("| a | b |\n|---|---|\n| `x\\|y` | is *it* |", ".TP\n\\fB\\%x|y\\fR\nis \\fIit\\fR"),
+        ("<!-- made\nby -->\n\ntext", ".PP\ntext"),
     ],
 )
-def test_a_shell_offers(shell, typed, offered, tmp_path):
-    (tmp_path / "my.toml").touch()
-    (tmp_path / "other.toml").touch()
-    assert completed(shell, typed, tmp_path) == offered
-
-
-@pytest.mark.needs("fish")
-def test_the_short_name_is_completed_too(tmp_path):
-    assert completed("fish", "mbgw che", tmp_path) == {"check"}
-    assert "-F _shtab_modbus_gateway modbus-gateway mbgw\n" in FILES[COMPLETIONS / SCRIPTS["bash"]]
-    assert FILES[COMPLETIONS / SCRIPTS["zsh"]].startswith("#compdef modbus-gateway mbgw\n")
+def test_markdown_becomes_roff(markdown, roff):
+    assert manual_page("x", 1, "Pages", markdown).partition(".ad l\n")[2] == f"{roff}\n"
 
 
 def test_the_running_program_has_one_name():
     """Pages and messages call it the gateway."""
-    assert "daemon" not in PAGE.casefold()
+    assert "daemon" not in COMMAND.casefold()
