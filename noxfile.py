@@ -1,12 +1,14 @@
 """What a developer does, by name: `nox -l` lists it, and `nox -s NAME -- WORDS` does one of it.
 
-All use .venv, and bring it up to date with uv.lock; `lowest` and `pythons` make environments of their own. Without
-uv and nox, `./deploy/go test` sets up both in .venv/bin.
+All of it uses .venv, and brings that up to date with uv.lock first; `lowest` and `pythons` make environments of their
+own. Without uv and nox, `./deploy/go test` puts both into .venv/bin.
 """
 
 import ast
 import functools
 import os
+import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -14,10 +16,13 @@ from typing import Final
 import nox
 
 ROOT: Final = Path(__file__).parent
-PYTHONS: Final = ("3.11", "3.12", "3.13", "3.14")
-#: What meets a library, each at least once.
-LOWEST: Final = ("tests/observe", "tests/ports", "tests/fleet/test_connection.py", "tests/system/test_demo.py")
-#: What is generated, and the command that prints it, or writes it itself.
+VENV: Final = ROOT / ".venv"
+sys.path.insert(0, str(ROOT / "tests"))
+
+from kit import passes  # noqa: E402 - found there
+from kit.side_by_side import side_by_side  # noqa: E402
+
+#: What is generated, and what prints it.
 PRINTED: Final = {
     "docs/configuration.md": "-m gateway.config.documents.reference",
     "docs/own-registers.md": "-m gateway.images.self_map",
@@ -25,6 +30,7 @@ PRINTED: Final = {
     "gateway/web/pages/static/config-keys.json": "-m gateway.config.documents.completion",
     "tests/library/public.txt": "tests/library/public_names.py",
 }
+#: The same, where it is written by what makes it.
 WRITTEN: Final = {
     "deploy/man": "-m deploy.command_files",
     "gateway/cli/completions": "-m deploy.command_files",
@@ -36,139 +42,211 @@ EXPORTED: Final = {
     "deploy/requirements.txt": ("--all-extras",),
     "deploy/requirements-uv.txt": ("--only-group", "uv"),
 }
+MUSL: Final = ("x86_64-unknown-linux-musl", "aarch64-unknown-linux-musl")
+LIBRARIES: Final = ("--all-extras", "--requirement", "pyproject.toml")
+PYTHONS: Final = ("3.11", "3.12", "3.13", "3.14")
 
 nox.options.default_venv_backend = "none"
-nox.options.sessions = ["lint", "types", "tests"]
-os.environ["PATH"] = f"{ROOT / '.venv/bin'}{os.pathsep}{os.environ['PATH']}"
-os.environ["PYTHONPATH"] = str(ROOT)
+nox.options.sessions = ["check"]
+nox.options.error_on_missing_interpreters = False
+os.environ["PATH"] = f"{VENV / 'bin'}{os.pathsep}{os.environ['PATH']}"
+os.environ["PYTHONPYCACHEPREFIX"] = str(VENV / "bytecode")
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # hundreds of processes start
+
+Action = Callable[[nox.Session], None]
 
 
-def session(function: Callable[[nox.Session], None]) -> Callable[[nox.Session], None]:
-    """Make a session of it that finds all tools in .venv."""
+def in_venv(action: Action) -> Action:
+    """Make a session of it that has the tools of .venv."""
 
-    @functools.wraps(function)
-    def with_tools(session: nox.Session) -> None:
-        session.run_install("uv", "sync", "--quiet", "--frozen", "--inexact", "--all-extras", external=True)
-        function(session)
+    @functools.wraps(action)
+    def session(session: nox.Session) -> None:
+        session.run_install("uv", "sync", "--quiet", "--frozen", "--inexact", "--all-extras")
+        action(session)
 
-    return nox.session(with_tools)
+    return nox.session(session)
 
 
-@session
+@in_venv
+def check(session: nox.Session) -> None:
+    """All that a change must pass: lint, types and tests, side by side; with CI=true, that of CI."""
+    if session.posargs:
+        for each in (_lint, _types, _tests):
+            each(session)
+    else:
+        run_all(session, passes.of_ci() if os.environ.get("CI") else passes.of_check())
+
+
+@in_venv
 def lint(session: nox.Session) -> None:
     """Style, layout of the code, and that imports go down only."""
-    session.run("ruff", "check", *session.posargs)
-    session.run("ruff", "format", "--check", *session.posargs)
-    session.run("lint-imports")
+    _lint(session)
 
 
-@session
+@in_venv
 def types(session: nox.Session) -> None:
     """Types of the gateway and of the examples of the docs."""
+    _types(session)
+
+
+@in_venv
+def tests(session: nox.Session) -> None:
+    """All tests, side by side, or those that the words choose: -- tests/lines -k silence."""
+    _tests(session)
+
+
+def _lint(session: nox.Session) -> None:
+    session.run("ruff", "check")
+    session.run("ruff", "format", "--check")
+    session.run("lint-imports", env={"PYTHONPATH": str(ROOT)})
+
+
+def _types(session: nox.Session) -> None:
     session.run("mypy")
     session.run("mypy", "docs/examples")
 
 
-@session
-def tests(session: nox.Session) -> None:
-    """All tests, or those that the words choose: -- tests/lines -k silence."""
-    session.run("pytest", *(session.posargs or ("-m", "not search")))
+def _tests(session: nox.Session) -> None:
+    if session.posargs:
+        session.run("pytest", *session.posargs)
+    else:
+        run_all(session, passes.of_tests())
 
 
-@session
+def run_all(session: nox.Session, jobs: list[passes.Job]) -> None:
+    """Run all jobs, and say which have failed, and which tests were left out."""
+    session.run("python", "tests/kit/programs.py", "--install")
+    passes.LEFT_OUT.unlink(missing_ok=True)
+    failed = side_by_side(jobs, VENV / "logs")
+    session.run("python", "tests/kit/left_out.py", str(passes.LEFT_OUT), log=False)
+    if failed:
+        session.error(f"failed, or not run: {', '.join(failed)}")
+
+
+@in_venv
 def docs(session: nox.Session) -> None:
     """A site of docs/ in dist/site; -- linkcheck tries the links that lead elsewhere."""
     builder = (*session.posargs, "html")[0]
     session.run("sphinx-build", "--quiet", "--fail-on-warning", "--keep-going", "-b", builder, "docs", "dist/site")
+    session.log("the site is dist/site")
 
 
-@session
+@in_venv
 def gen(session: nox.Session) -> None:
     """Make all that is generated: uv.lock, what pip installs, reference, manual, completions, profiles."""
-    generate(session)
+    generate(session, ROOT)
 
 
-@session
+@in_venv
 def stale(session: nox.Session) -> None:
-    """Make it, and fail if something was not current."""
-    before = generated()
-    generate(session)
-    changed = [str(path) for path, content in generated().items() if before.get(path) != content]
-    if changed:
-        session.error(f"not current, and made anew: {', '.join(changed)}")
+    """Fail if something that is generated is not current: in a copy it is made anew."""
+    copy = Path(session.create_tmp()) / "checkout"
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".[!c]*", "dist", "build", "__pycache__"))
+    generate(session, copy)
+    now, then = generated(ROOT), generated(copy)
+    if changed := sorted(path for path in now | then if now.get(path) != then.get(path)):
+        session.error(f"not current, `nox -s gen` makes it: {', '.join(changed)}")
 
 
-def generate(session: nox.Session) -> None:
-    """Write each file that is generated."""
-    session.run("python", "deploy/addresses.py")
-    session.run("uv", "lock", "--quiet")
-    for path, words in EXPORTED.items():
-        session.run(*EXPORT, *words, "--output-file", path, silent=True)
-    for path, words in PRINTED.items():
-        printed = session.run("python", *words.split(), silent=True, stderr=None)
-        (ROOT / path).write_text(str(printed), encoding="utf-8")
-    for words in dict.fromkeys(WRITTEN.values()):
-        session.run("python", *words.split())
+def generate(session: nox.Session, root: Path) -> None:
+    """Write each file that is generated in a checkout."""
+    with session.chdir(root):
+        session.run("python", "deploy/addresses.py")
+        session.run("uv", "lock", "--quiet")
+        for path, words in EXPORTED.items():
+            session.run(*EXPORT, *words, "--output-file", path, silent=True)
+        own = {"PYTHONPATH": str(root)}
+        for path, text in PRINTED.items():
+            printed = session.run("python", *text.split(), env=own, silent=True, stderr=None)
+            (root / path).write_text(str(printed), encoding="utf-8")
+        for text in dict.fromkeys(WRITTEN.values()):
+            session.run("python", *text.split(), env=own)
 
 
-def generated() -> dict[Path, bytes]:
-    """Return the content of each file that is generated."""
-    named = [Path(path) for path in ("uv.lock", *EXPORTED, *PRINTED, *WRITTEN)]
+def generated(root: Path) -> dict[str, bytes]:
+    """Return the content of each file that is generated, by its path in the checkout."""
+    named = [root / path for path in ("uv.lock", *EXPORTED, *PRINTED, *WRITTEN)]
     files = (file for path in named for file in (path.rglob("*") if path.is_dir() else [path]))
-    return {file: file.read_bytes() for file in files if file.is_file()}
+    return {str(file.relative_to(root)): file.read_bytes() for file in files if file.is_file()}
 
 
-@session
+@in_venv
 def audit(session: nox.Session) -> None:
-    """Weak code (bandit), and known weaknesses of the libraries (pip-audit)."""
+    """Weak code (bandit), known weaknesses of the libraries (pip-audit), and whether all have wheels for musl."""
     session.run("bandit", "--quiet", "--configfile", "pyproject.toml", "--recursive", "gateway")
-    session.run("pip-audit", "--disable-pip", "--require-hashes", "--requirement", "deploy/requirements.txt")
+    pinned = ("--require-hashes", "--requirement", "deploy/requirements.txt")
+    session.run("pip-audit", "--disable-pip", *pinned)
+    for platform in MUSL:
+        session.run(
+            *("uv", "pip", "install", "--quiet", "--dry-run", "--only-binary", ":all:"),
+            *("--target", session.create_tmp(), "--python-platform", platform, *pinned),
+        )
 
 
 @nox.session(venv_backend="uv")
 def lowest(session: nox.Session) -> None:
-    """Tests with the oldest libraries that pyproject.toml allows."""
-    session.install(
-        "--resolution", "lowest-direct", "--all-extras", "--requirement", "pyproject.toml", "--group", "test"
-    )
-    session.run("pytest", *(session.posargs or LOWEST))
+    """Tests that meet a library, with the oldest ones that pyproject.toml allows."""
+    install(session, *LIBRARIES, "--resolution", "lowest-direct")
+    session.run("pytest", "--quiet", *(session.posargs or passes.LOWEST))
 
 
 @nox.session(venv_backend="uv", python=PYTHONS)
 def pythons(session: nox.Session) -> None:
-    """Tests in virtual time on each Python, with the newest libraries."""
-    session.install("--upgrade", "--all-extras", "--requirement", "pyproject.toml", "--group", "test")
-    session.run("pytest", *(session.posargs or ("tests", "--ignore", "tests/system", "-m", "not search")))
+    """Tests in virtual time with newest libraries, compiled, and with oldest ones; -- compiled: only that."""
+    for kind in session.posargs or ("newest", "compiled", "lowest"):
+        install(session, *LIBRARIES, "--upgrade", "--resolution", "lowest-direct" if kind == "lowest" else "highest")
+        if kind == "compiled":
+            (site,) = Path(session.virtualenv.location).glob("lib/python3*/site-packages")
+            shutil.copytree(ROOT / "gateway", site / "gateway", ignore=shutil.ignore_patterns("__pycache__"))
+            session.run("python", "deploy/compile", str(site))
+        chosen = {"newest": passes.VIRTUAL, "compiled": passes.COMPILED, "lowest": passes.LOWEST}[kind]
+        session.run("pytest", "--quiet", "--numprocesses", "auto", *chosen)
 
 
-@session
+def install(session: nox.Session, *words: str) -> None:
+    """Install libraries, and beside them what tests and compiles, as it is pinned."""
+    tools = Path(session.create_tmp()) / "tools.txt"
+    session.run(*EXPORT, "--no-hashes", "--only-group", "test", "--only-group", "build", "-o", str(tools), silent=True)
+    session.install("--only-binary", ":all:", "--requirement", str(tools), *words)
+
+
+@in_venv
 def soak(session: nox.Session) -> None:
-    """A slow check by its name: -- kill --rounds 500; without a name, the list."""
+    """Slow checks by their names: -- kill --rounds 500; without a name, the list."""
     script(session, "tests/soak")
 
 
-@session
+@in_venv
 def bench(session: nox.Session) -> None:
-    """A benchmark by its name: -- growth --check; without a name, the list."""
+    """Benchmarks: -- growth --check."""
     script(session, "tests/bench")
 
 
-@session
+@in_venv
 def model(session: nox.Session) -> None:
-    """A search through orders of events by its name: -- every_order --depth 4."""
+    """Searches through the orders of events: -- every_order --depth 4."""
     script(session, "tests/model")
 
 
-@session
+@in_venv
+def mutation(session: nox.Session) -> None:
+    """Whether tests notice what is changed in the code: -- mutants --sample 300 --quick."""
+    session.run("uv", "pip", "install", "--quiet", "cosmic-ray")
+    script(session, "tests/mutation")
+
+
+@in_venv
 def qemu(session: nox.Session) -> None:
-    """A check in an emulated machine by its name: -- uart 8250."""
+    """Machines that are emulated: -- uart 8250."""
     script(session, "tests/qemu")
 
 
 def script(session: nox.Session, folder: str) -> None:
-    """Run the script that is named, or list all of a folder."""
+    """Run the script that is named with the gateway as it is now, or list all of a folder."""
     if session.posargs:
         name, *words = session.posargs
+        session.run("deploy/go", "--version", silent=True, external=True)  # installs it
         session.run("python", f"{folder}/{name}.py", *words)
         return
     for file in sorted(Path(folder).glob("*.py")):

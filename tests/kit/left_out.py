@@ -70,4 +70,4 @@ def told(notes: str) -> list[str]:
 if __name__ == "__main__":
     noted = Path(sys.argv[1])
     if noted.exists() and noted.stat().st_size:
-        print("deploy/go: left out here, of all tests:", *told(noted.read_text(encoding="utf-8")), sep="\n")
+        print("left out here, of all tests:", *told(noted.read_text(encoding="utf-8")), sep="\n")

@@ -1,15 +1,23 @@
 """The programs and libraries that tests use beside Python, and the Debian packages that bring them.
 
-As a command it prints the packages of those that are missing.
+As a command it prints the packages of those that are missing. With --install it installs them, as root and where there
+is apt, and makes the Debian that tests boot.
 """
 
 import ctypes
 import os
 import shutil
+import subprocess
+import sys
 import sysconfig
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from kit.system_tree import make, system_tree
 
 PACKAGES: Final = {
     "bash": "bash",
@@ -58,5 +66,28 @@ def missing() -> list[str]:
     return [package for program, package in PACKAGES.items() if find(program) is None]
 
 
+def install() -> None:
+    """Install what is missing, if we may; what cannot be had leaves tests out."""
+    if os.geteuid() != 0 or not shutil.which("apt-get"):
+        return
+    apt = ("apt-get", "--quiet=2")
+    if packages := missing():
+        print("installing what tests use (once):", *packages, flush=True)
+        own = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
+        subprocess.run([*apt, "update"], check=False)
+        command = [*apt, "install", "--yes", "--no-install-recommends", *packages]
+        if subprocess.run(command, env=own, stdout=subprocess.DEVNULL, check=False).returncode:
+            print("not installed, so some tests will be left out")
+    if not system_tree().exists():
+        print("making the Debian that tests boot (once)", flush=True)
+        try:
+            make()
+        except (OSError, subprocess.CalledProcessError) as error:
+            print(f"not made, so tests that boot it will be left out: {error}")
+
+
 if __name__ == "__main__":
-    print(*missing())
+    if sys.argv[1:] == ["--install"]:
+        install()
+    else:
+        print(*missing())

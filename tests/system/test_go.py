@@ -1,7 +1,6 @@
-"""`./deploy/go`, in a small checkout and with an installer that only notes what it is asked for."""
+"""`./deploy/go`, in a small checkout and with installers that only note what they are asked for."""
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -15,50 +14,42 @@ import pytest
 from kit.process import PATIENCE
 
 GO = Path(__file__).parents[2] / "deploy/go"
-#: As Python and pip are called: `python -m venv FOLDER`, `pip install ... -r FILE`.
+#: As Python and pip are called: `python -m venv --clear FOLDER`, and there `python -m pip install ... -r FILE`.
 PYTHON = f"""#!/bin/sh
 [ "$2" = venv ] || exec {sys.executable} "$@"
-echo "venv ${{3##*/}}" >> "$CALLS"
-{sys.executable} -m venv --without-pip "$3"
-cat > "$3/bin/pip" << 'END'
-#!/bin/sh
 for last; do :; done
-echo "pip ${{last##*/}}" >> "$CALLS"
-case " $* " in *" --no-deps "*) ;; *) echo "coverage[toml] has no hash"; exit 1 ;; esac # as before 23.3
-END
-chmod +x "$3/bin/pip"
+echo "venv ${{last##*/}}" >> "$CALLS"
+{sys.executable} -m venv --without-pip "$last"
+mkdir -p "$last"/lib/python3.{sys.version_info.minor}/site-packages/pip
+cp "$PIP" "$last"/lib/python3.{sys.version_info.minor}/site-packages/pip/__main__.py
 """
-#: As uv is called: `uv venv ... FOLDER`, `uv pip install ... -r FILE`.
+PIP = """
+import os, pathlib, sys
+if "--version" not in sys.argv:
+    file = pathlib.Path(sys.argv[-1]).name
+    with open(os.environ["CALLS"], "a") as calls:
+        print("pip", file, file=calls)
+    assert {"--no-deps", "--require-hashes"} <= set(sys.argv)
+    if file == "requirements-uv.txt":
+        uv = pathlib.Path(sys.executable).with_name("uv")
+        uv.write_text(os.environ["UV"])
+        uv.chmod(0o755)
+"""
+#: As uv is called: `uv sync --project FOLDER ...`. The tools are nox.
 UV = f"""#!/bin/sh
-for last; do :; done
-echo "$1 ${{last##*/}}" >> "$CALLS"
-case $1 in
-    venv) exec {sys.executable} -m venv --without-pip --clear "$last" ;;
-    pip) [ ! -e "$BROKEN" ] || kill -KILL "$PPID" ;;
-esac
+case " $* " in *" --no-dev "*) what=libraries ;; *) what=tools ;; esac
+echo "uv $1 $what" >> "$CALLS"
+[ ! -e "$BROKEN" ] || kill -KILL "$PPID"
+[ -e "$UV_PROJECT_ENVIRONMENT" ] || {sys.executable} -m venv --without-pip "$UV_PROJECT_ENVIRONMENT"
+[ "$what" = libraries ] || printf '#!/bin/sh\necho "nox $*"\n[ ! -e "$BROKEN" ]\n' > "$UV_PROJECT_ENVIRONMENT/bin/nox"
+[ "$what" = libraries ] || chmod +x "$UV_PROJECT_ENVIRONMENT/bin/nox"
 """
 NO_PYTHON = "#!/bin/sh\nexit 1\n"
 COMPILED = "gateway__mypyc.some-machine.so"
 COMPILE = f"import pathlib, sys\npathlib.Path(sys.argv[1], '{COMPILED}').touch()\n"
 MAIN = "import gateway, sys\nprint(gateway.__version__, sys.argv[1:])\n"
-#: As pytest is called; what is asked of it with these words in it fails.
-PYTEST = """#!/bin/sh
-echo "tested $*"
-case " $* " in *" {failing} "*) echo "FAILED $*"; exit 1 ;; esac
-"""
-#: Words that only one of the passes of `test` has.
-PASSES = [
-    "tests --ignore tests/system",
-    "no:logging tests/clock",
-    "--no-loadscope-reorder tests/system -m not search",
-]
-#: Those of CI: with searches, and then with compiled modules.
-CI_PASSES = [
-    *("tests --ignore tests/system", "no:logging tests/clock", "--no-loadscope-reorder tests/system"),
-    *("--numprocesses auto tests/clock", "tests/system/test_udp.py"),
-]
-SET_UP = ["venv .venv", "pip requirements.txt"]
-TOOLS = ["pip requirements-dev.txt"]
+SET_UP = ["uv sync libraries"]
+TOOLS = ["uv sync tools"]
 
 #: Makes root heed what it must not write.
 ORDINARY = [shutil.which("setpriv"), "--bounding-set=-dac_override"] if os.geteuid() == 0 else []
@@ -84,16 +75,21 @@ class Checkout:
         self.broken = folder / "broken"
         self._calls = folder / "calls"
         self._calls.touch()
-        self.own = {"PATH": f"{self.programs}:/usr/bin:/bin", "CALLS": str(self._calls), "BROKEN": str(self.broken)}
+        (folder / "pip.py").write_text(PIP)
+        self.own = {
+            "PATH": f"{self.programs}:/usr/bin:/bin",
+            "CALLS": str(self._calls),
+            "BROKEN": str(self.broken),
+            "PIP": str(folder / "pip.py"),
+            "UV": UV,
+        }
         self.programs.mkdir()
         for name, text in {
             "gateway/__init__.py": '__version__ = "1"\n',
             "gateway/cli/__init__.py": "",
             "gateway/cli/main.py": MAIN,
-            "deploy/requirements.txt": "",
-            "deploy/requirements-dev.txt": "",
+            "uv.lock": "",
             "deploy/compile": COMPILE,
-            **dict.fromkeys(("tests/kit/programs.py", "tests/kit/system_tree.py", "tests/kit/left_out.py"), ""),
         }.items():
             self.write(name, text)
         shutil.copy(GO, self.root / "deploy/go")
@@ -177,13 +173,12 @@ def test_a_gateway_that_has_changed_is_installed_and_what_is_gone_is_gone(checko
     assert not list(checkout.root.rglob("old.py"))
 
 
-@pytest.mark.parametrize("name", ["deploy/requirements.txt", "deploy/requirements-dev.txt"])
-def test_libraries_that_have_changed_are_installed(checkout: Checkout, name: str) -> None:
+def test_libraries_and_tools_are_installed_when_they_have_changed(checkout: Checkout) -> None:
     checkout.go("compile")
     assert checkout.calls() == [*SET_UP, *TOOLS]
-    checkout.write(name, "# changed\n")
+    checkout.write("uv.lock", "# changed\n")
     checkout.go("compile")
-    assert checkout.calls() == ([*SET_UP, *TOOLS] if name == "deploy/requirements.txt" else TOOLS)
+    assert checkout.calls() == [*SET_UP, *TOOLS]
 
 
 def test_what_was_broken_off_is_done_again(checkout: Checkout) -> None:
@@ -217,8 +212,7 @@ def test_what_could_not_be_compiled_runs_all_the_same(checkout: Checkout, end: s
     checkout.write("deploy/compile", f"{COMPILE}import os\n{end}\n")
     status, _, said = checkout.go("compile")
     assert status == (1 if "exit" in end else -signal.SIGKILL)
-    assert ("apt install gcc python3-dev); why it failed: " in said) == ("exit" in end)
-    assert ("compile.log" in said) == ("exit" in end)
+    assert ("no compiler" in said) == ("apt install gcc python3-dev)" in said) == ("exit" in end)
     assert checkout.go()[:2] == (0, "1 []\n")
     assert not checkout.is_compiled()
 
@@ -227,8 +221,17 @@ def test_without_uv_it_is_pip_that_installs(checkout: Checkout) -> None:
     (checkout.programs / "uv").unlink()
     checkout.program("python3.12", PYTHON)
     assert checkout.go()[:2] == (0, "1 []\n")
+    assert checkout.calls() == ["venv .venv", "pip requirements.txt"]
+
+
+def test_without_uv_pip_installs_the_one_that_brings_the_tools(checkout: Checkout) -> None:
+    (checkout.programs / "uv").unlink()
+    checkout.program("python3.12", PYTHON)
     assert checkout.go("compile")[0] == 0
-    assert checkout.calls() == [*SET_UP, *TOOLS]
+    assert checkout.calls() == ["venv .venv", "pip requirements.txt", "pip requirements-uv.txt", *TOOLS]
+    checkout.write("uv.lock", "# changed\n")
+    checkout.go("compile")
+    assert checkout.calls() == ["pip requirements.txt", *TOOLS]
 
 
 def test_without_any_python_it_names_the_package_to_install(checkout: Checkout) -> None:
@@ -248,10 +251,10 @@ def test_without_flock_it_names_the_package_to_install(checkout: Checkout) -> No
 
 
 @pytest.mark.parametrize("part", [".", ".venv/lib"])
-@pytest.mark.parametrize("changed", ["requirements.txt", "requirements-dev.txt", "compile"])
+@pytest.mark.parametrize("changed", ["uv.lock", "deploy/compile"])
 def test_who_must_not_install_is_told_so_once_and_nothing_changes(checkout: Checkout, part: str, changed: str) -> None:
     checkout.go("compile")
-    checkout.write(f"deploy/{changed}", "# changed\n")
+    checkout.write(changed, "# changed\n")
     before = checkout.files()
     with no_rights_in(checkout.root / part):
         status, shown, said = checkout.go("compile")
@@ -284,51 +287,9 @@ def test_what_uv_has_made_needs_uv_for_more_and_runs_without(checkout: Checkout)
     assert "with uv in the PATH" in checkout.go("compile")[2]
 
 
-def with_tools(checkout: Checkout, failing: str = "nothing") -> Checkout:
-    for name in ("ruff", "mypy", "lint-imports"):
-        checkout.program(name, "#!/bin/sh\n")
-    checkout.program("pytest", PYTEST.format(failing=failing))
-    return checkout
-
-
-@pytest.mark.parametrize(("own", "passes"), [({}, PASSES), ({"CI": "true"}, CI_PASSES)], ids=["own", "CI"])
-def test_everything_is_tested_as_it_is_and_by_ci_compiled(checkout: Checkout, own, passes: list[str]) -> None:
-    checkout.own |= own
-    status, shown, said = with_tools(checkout).go("test")
-    assert status == 0
-    tested = [f"{line} " for line in shown.splitlines() if line.startswith("tested ")]
-    assert all(any(f" {words} " in line for line in tested) for words in passes)
-    assert len(tested) == len(passes)
-    assert ("not in this run" in said) == (passes == PASSES)
-    assert checkout.is_compiled() == (passes != PASSES)
-
-
-@pytest.mark.parametrize(
-    ("own", "words"),
-    [*(({}, words) for words in PASSES), *(({"CI": "true"}, words) for words in CI_PASSES)],
-    ids=str,
-)
-def test_a_pass_that_fails_fails_the_whole_and_is_shown(checkout: Checkout, own, words: str) -> None:
-    checkout.own |= own
-    status, shown, _ = with_tools(checkout, failing=words).go("test")
-    assert status == 1
-    assert shown.count("FAILED") == 1
-
-
-@pytest.mark.parametrize("tool", ["ruff", "mypy", "lint-imports"])
-def test_a_check_that_fails_is_a_failure(checkout: Checkout, tool: str) -> None:
-    with_tools(checkout).program(tool, "#!/bin/sh\nexit 3\n")
-    assert checkout.go("test")[0] == 3
-
-
-def test_ci_needs_a_compiler(checkout: Checkout) -> None:
-    with_tools(checkout).write("deploy/compile", "import sys\nsys.exit('no compiler')\n")
-    checkout.own["CI"] = "true"
-    assert checkout.go("test")[0] == 1
-
-
-def test_what_it_names_is_there() -> None:
-    """pytest says nothing when what it shall ignore is not."""
-    named = re.findall(r"tests(?:/[\w.]+)+", GO.read_text())
-    assert named
-    assert [path for path in named if not (GO.parents[1] / path).exists()] == []
+@pytest.mark.parametrize(("words", "session"), [(["test", "my test"], "check -- my test"), (["docs"], "docs --")])
+def test_what_a_developer_does_is_a_session_of_nox(checkout: Checkout, words: list[str], session: str) -> None:
+    status, shown, _ = checkout.go(*words)
+    assert (status, shown) == (0, f"nox --noxfile {checkout.root}/noxfile.py --session {session}\n")
+    checkout.broken.touch()
+    assert checkout.go(*words)[0] == 1
