@@ -32,9 +32,10 @@ PRINTED: Final = {
 }
 #: The same, where it is written by what makes it.
 WRITTEN: Final = {
-    "deploy/man": "-m deploy.command_files",
-    "gateway/cli/completions": "-m deploy.command_files",
+    "gateway/cli/completions": "-m deploy.completions",
     "docs/profiles": "-m gateway.config.documents.profile_pages",
+    "gateway/web/text": "-m deploy.translations",
+    "gateway/web/pages/static/texts": "-m deploy.translations",
 }
 EXPORT: Final = ("uv", "export", "--quiet", "--frozen", "--no-emit-project", "--no-annotate", "--no-default-groups")
 #: What pip installs where there is no uv: the libraries that run the gateway, and uv itself.

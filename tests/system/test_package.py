@@ -222,7 +222,9 @@ def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
     fetching = [f"fetching libraries for Python {each} ..." for each in versions]
     *fetched, pages, installed, written, last = steps
     assert fetched[::2] == fetching
-    assert [f"--python-version {each} " in step for each, step in zip(versions, fetched[1::2], strict=True)] == [True] * 4
+    assert [f"--python-version {each} " in step for each, step in zip(versions, fetched[1::2], strict=True)] == [
+        True
+    ] * 4
     assert (pages, last) == ("writing the manual pages ...", "building the package ...")
     assert ("--target" in installed, "deploy.manual_pages" in written) == (True, True)
     assert "\n -- somebody <x@y.example>  " in (tmp_path / "build/deb/debian/changelog").read_text()
@@ -231,7 +233,9 @@ def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
 
 def test_who_installs_with_pipx_is_told_every_extra():
     extras = ",".join(declared_project()["project"]["optional-dependencies"])
-    commands = re.findall(r"(?:pipx|tool) install.*?\[(.*?)\]", (CHECKOUT / "docs/install.md").read_text(encoding="utf-8"))
+    commands = re.findall(
+        r"(?:pipx|tool) install.*?\[(.*?)\]", (CHECKOUT / "docs/install.md").read_text(encoding="utf-8")
+    )
     assert commands
     assert set(commands) == {extras}
 
