@@ -149,6 +149,40 @@ def check_removal(system: BootedSystem) -> None:
     print("its removal keeps config and state")
 
 
+def check_reload(system: BootedSystem) -> None:
+    """A reload is over when its command returns, and fails if the file is wrong; with Type=notify-reload it cannot fail."""
+    good = (system.root / CONFIG.lstrip("/")).read_text()
+    system.write(CONFIG, good + "[[image]]\n")
+    assert system.run("systemctl", "reload", SERVICE).returncode != 0, "a wrong file was not told"
+    system.write(CONFIG, good + "[[image]]\nunit = 201\nholding = 3\n")
+    system.done("systemctl", "reload", SERVICE)
+    check_unit(system, 201)
+    said = system.done("systemctl", "--version").split()[1]
+    if int(said) < 253:  # noqa: PLR2004 - the first one with it
+        system.write(CONFIG, good)
+        system.done("systemctl", "reload", SERVICE)
+        print(f"it reloads, systemd {said}")
+        return
+    system.override(SERVICE, "[Service]\nType=notify-reload\nExecReload=\n")
+    system.write(CONFIG, good)
+    system.done("systemctl", "restart", SERVICE)
+    for unit in (202, 203, 204):
+        system.write(CONFIG, f"{good}[[image]]\nunit = {unit}\nholding = 3\n")
+        system.done("systemctl", "reload", SERVICE)
+        check_unit(system, unit)
+    system.write(CONFIG, good)
+    system.end_overrides()
+    system.done("systemctl", "restart", SERVICE)
+    print(f"it reloads, with Type=notify-reload too, systemd {said}")
+
+
+def check_unit(system: BootedSystem, unit: int) -> None:
+    """A unit of three registers answers."""
+    with system.connect() as client:
+        client.sendall(READ.replace(b"\xc8", bytes([unit])))
+        assert client.recv(260)[6:9] == bytes([unit, 3, 6]), system.status()
+
+
 def check_purge(system: BootedSystem) -> None:
     """Purge it: nothing stays."""
     purged = system.run("dpkg", "--purge", "modbus-gateway")
@@ -166,6 +200,7 @@ def main(release: str, built: str = "") -> None:
         check_installation(system, package)
         if built:
             check_runs_compiled(system)
+        check_reload(system)
         check_another_python(system)
         check_failed_upgrade(system, newer(package, Path(folder), "#!/bin/sh\nexit 1\n"))
         check_documents(system)
