@@ -2,7 +2,7 @@
 
     .venv/bin/python -m deploy.completions
 
-They are files of the package, which `modbus-gateway completion SHELL` prints: shtab is not needed where the gateway runs.
+`modbus-gateway completion SHELL` prints them, as files of the package: shtab is not needed where the gateway runs.
 """
 
 import argparse

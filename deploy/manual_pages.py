@@ -2,7 +2,7 @@
 
     .venv/bin/python -m deploy.manual_pages FOLDER
 
-The first is made of the parsers of the command line, the second is docs/configuration.md. Neither is kept in the checkout.
+The first is made of the parsers of the command line, the second of docs/configuration.md. Neither is committed.
 """
 
 import argparse

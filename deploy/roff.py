@@ -7,7 +7,6 @@ from typing import Final
 #: A paragraph that wants to be set another way, by what its first line begins with.
 _TABLE, _FENCE, _CODE, _ITEM = "|", "```", "    ", re.compile(r"(?:-|\d+\.) ")
 _BULLET: Final = "\\(bu"
-_RULE: Final = re.compile(r"\|[-|]+\|")
 _HEADINGS: Final = {"#": ".SH", "##": ".SH", "###": ".SS", "####": ".SS"}
 _INLINE: Final = re.compile(
     r"`(?P<code>[^`]+)`|\*\*(?P<bold>[^*]+)\*\*|\*(?P<italic>[^*\s][^*]*)\*"
@@ -58,8 +57,7 @@ def _block(lines: list[str]) -> Iterator[str]:
 
 def _rows(lines: list[str]) -> Iterator[str]:
     """Set a table as a list: the first column is what is explained, the last one says what it is."""
-    head, rule, *rows = lines
-    assert _RULE.fullmatch(rule), rule
+    head, _, *rows = lines
     names = _cells(head)
     for row in rows:
         first, *between, last = _cells(row)

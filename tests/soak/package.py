@@ -150,7 +150,7 @@ def check_removal(system: BootedSystem) -> None:
 
 
 def check_reload(system: BootedSystem) -> None:
-    """A reload is over when its command returns, and fails if the file is wrong; with Type=notify-reload it cannot fail."""
+    """A reload is complete when systemctl returns, and fails if the file is wrong. With Type=notify-reload only the first."""
     good = (system.root / CONFIG.lstrip("/")).read_text()
     system.write(CONFIG, good + "[[image]]\n")
     assert system.run("systemctl", "reload", SERVICE).returncode != 0, "a wrong file was not told"
@@ -158,7 +158,7 @@ def check_reload(system: BootedSystem) -> None:
     system.done("systemctl", "reload", SERVICE)
     check_unit(system, 201)
     said = system.done("systemctl", "--version").split()[1]
-    if int(said) < 253:  # noqa: PLR2004 - the first one with it
+    if int(said) < 253:  # the first one with Type=notify-reload
         system.write(CONFIG, good)
         system.done("systemctl", "reload", SERVICE)
         print(f"it reloads, systemd {said}")
