@@ -2,8 +2,8 @@
 
     .venv/bin/python -m deploy.translations
 
-It runs Babel: `pybabel extract`, `update` and `compile`; then it writes what scripts need of each language. A new
-language begins with `pybabel init`: see docs/adr/0047-translations.md.
+It runs Babel: `pybabel extract`, `update` and `compile`; then it writes what scripts need of each language. One that is
+new in LANGUAGES gets its `messages.po`. Why: docs/adr/0047-translations.md.
 """
 
 import json
@@ -18,6 +18,8 @@ from babel.messages import Catalog
 from babel.messages.frontend import CommandLineInterface
 from babel.messages.pofile import read_po
 
+from gateway.web.text.languages import ENGLISH, LANGUAGES
+
 _CHECKOUT: Final = Path(__file__).parents[1]
 _WEB: Final = _CHECKOUT / "gateway" / "web"
 #: The catalogues, one for each language, and what scripts get of them.
@@ -31,6 +33,9 @@ def update(catalogues: Path = CATALOGUES, scripts: Path = SCRIPTS) -> None:
     with TemporaryDirectory() as folder:
         template = f"{folder}/messages.pot"
         extract(template)
+        for code in LANGUAGES.keys() - {ENGLISH.code}:
+            if not (catalogues / code).exists():
+                babel("init", "-i", template, "-d", catalogues, "-l", code, _WIDTH)
         babel(
             "update", "-i", template, "-d", catalogues, "-N", "--ignore-obsolete", "--ignore-pot-creation-date", _WIDTH
         )
