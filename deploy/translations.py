@@ -63,7 +63,7 @@ def script(catalogue: Catalog) -> str:
     """Make the module with the texts of scripts, by their English, and which of its plurals a count takes."""
     texts: dict[str, Any] = {}
     for message in catalogue:
-        if message.string and any(place.endswith(".js") for place, _ in message.locations):
+        if message.string and all(message.string) and any(place.endswith(".js") for place, _ in message.locations):
             english = message.id[0] if message.pluralizable else message.id
             texts[f"{message.context}\x04{english}" if message.context else english] = message.string
     table = json.dumps(texts, ensure_ascii=False, indent=0)

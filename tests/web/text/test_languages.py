@@ -28,8 +28,8 @@ async def browser(tmp_path):
         ("", "en"),
         ("zh-CN,zh;q=0.9,en;q=0.8", "zh"),
         ("en-US,en;q=0.9,zh;q=0.8", "en"),
-        ("de-DE,de;q=0.9,zh;q=0.7,en;q=0.5", "zh"),
-        ("de", "en"),
+        ("la-VA,la;q=0.9,zh;q=0.7,en;q=0.5", "zh"),
+        ("la", "en"),
         ("ZH-hant", "zh"),
         ("zh;q=0", "en"),
         ("zh;q=x, *;q=0.5", "en"),
@@ -108,8 +108,8 @@ def test_results_are_told_in_plain_english():
 
 
 def test_only_the_first_of_many_languages_are_looked_at():
-    assert preferred(f"{'fr,' * 31}zh").code == "zh"
-    assert preferred(f"{'fr,' * 32}zh").code == "en"
+    assert preferred(f"{'la,' * 31}zh").code == "zh"
+    assert preferred(f"{'la,' * 32}zh").code == "en"
 
 
 def test_a_template_is_compiled_once_for_all_languages() -> None:
