@@ -238,9 +238,8 @@ def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
 
 def test_who_installs_with_pipx_is_told_every_extra():
     extras = ",".join(declared_project()["project"]["optional-dependencies"])
-    commands = re.findall(
-        r"(?:pipx|tool) install.*?\[(.*?)\]", (CHECKOUT / "docs/install.md").read_text(encoding="utf-8")
-    )
+    page = (CHECKOUT / "docs/install.md").read_text(encoding="utf-8")
+    commands = re.findall(r"(?:pipx|tool) install.*?\[(.*?)\]", page)
     assert commands
     assert set(commands) == {extras}
 
