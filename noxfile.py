@@ -141,6 +141,7 @@ def gen(session: nox.Session) -> None:
 @in_venv
 def stale(session: nox.Session) -> None:
     """Fail if something that is generated is not current: in a copy it is made anew."""
+    session.run("python", "deploy/addresses.py", "--check")
     copy = Path(session.create_tmp()) / "checkout"
     shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".[!c]*", "dist", "build", "__pycache__"))

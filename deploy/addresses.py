@@ -67,6 +67,8 @@ def _spellings(addresses: dict[str, str]) -> list[str]:
 
 def write(root: Path) -> None:
     """Replace what stands in the files by what is wanted; the record of it comes last."""
+    if wanted(root) == written(root):
+        return
     new = dict(zip(_spellings(written(root)), _spellings(wanted(root)), strict=True))
     longest_first = "|".join(re.escape(each) for each in sorted(new, key=len, reverse=True))
     pattern = re.compile(rf"(?:{longest_first})(?![\w-])")

@@ -2,11 +2,14 @@
 
 import importlib.util
 import json
+import subprocess
+import tomllib
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from threading import Thread
 
 import pytest
+from ruamel.yaml import YAML
 
 SCRIPT = Path(__file__).resolve().parents[2] / "deploy" / "homeassistant" / "start.py"
 BROKER = {"host": "core-mosquitto", "port": 1883, "username": "addons", "password": "secret", "ssl": False}
@@ -93,3 +96,20 @@ def test_without_a_broker_the_gateway_starts_all_the_same(start, capsys):
     assert not start.PASSWORD.exists()
     assert start.started
     assert "names no broker" in capsys.readouterr().out
+
+
+def test_its_repository_names_the_image_of_this_version(tmp_path):
+    subprocess.run([SCRIPT.parent / "repository", tmp_path, "7.0.1"], check=True, capture_output=True)
+    (branch, *files) = subprocess.run(
+        "git branch --show-current && git ls-files",
+        shell=True,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    assert branch == "home-assistant"
+    assert {"repository.yaml", "modbus_gateway/config.yaml", "modbus_gateway/DOCS.md"} <= set(files)
+    config = YAML(typ="safe").load(tmp_path / "modbus_gateway/config.yaml")
+    addresses = tomllib.loads((SCRIPT.parents[1] / "project.toml").read_text(encoding="utf-8"))
+    assert (config["version"], config["image"]) == ("7.0.1", f"{addresses['image']}/home-assistant")
