@@ -30,13 +30,12 @@ PRINTED: Final = {
     "gateway/web/pages/static/config-keys.json": "-m gateway.config.documents.completion",
     "tests/library/public.txt": "tests/library/public_names.py",
 }
-#: The same, where it is written by what makes it.
-WRITTEN: Final = {
-    "gateway/cli/completions": "-m deploy.completions",
-    "docs/profiles": "-m gateway.config.documents.profile_pages",
-    "gateway/web/text": "-m deploy.translations",
-    "gateway/web/pages/static/texts": "-m deploy.translations",
-}
+#: What writes its files itself: completions, pages of the profiles, translations of the pages.
+WRITE: Final = (
+    "-m deploy.completions",
+    "-m gateway.config.documents.profile_pages",
+    "-m deploy.translations",
+)
 EXPORT: Final = ("uv", "export", "--quiet", "--frozen", "--no-emit-project", "--no-annotate", "--no-default-groups")
 #: What pip installs where there is no uv: the libraries that run the gateway, and uv itself.
 EXPORTED: Final = {
@@ -142,35 +141,33 @@ def gen(session: nox.Session) -> None:
 def stale(session: nox.Session) -> None:
     """Fail if something that is generated is not current: in a copy it is made anew."""
     session.run("python", "deploy/addresses.py", "--check")
-    copy = Path(session.create_tmp()) / "checkout"
+    copy = Path(session.create_tmp()).resolve() / "checkout"
     shutil.rmtree(copy, ignore_errors=True)
-    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".[!c]*", "dist", "build", "__pycache__"))
+    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".*", "dist", "build", "__pycache__"))
     generate(session, copy)
-    now, then = generated(ROOT), generated(copy)
-    if changed := sorted(path for path in now | then if now.get(path) != then.get(path)):
+    made = [file.relative_to(copy) for file in sorted(copy.rglob("*")) if file.is_file()]
+    if changed := [str(each) for each in made if not is_current(each, copy)]:
         session.error(f"not current, `nox -s gen` makes it: {', '.join(changed)}")
+
+
+def is_current(file: Path, copy: Path) -> bool:
+    """Tell whether a file of the copy is as it is in the checkout."""
+    return (ROOT / file).is_file() and (ROOT / file).read_bytes() == (copy / file).read_bytes()
 
 
 def generate(session: nox.Session, root: Path) -> None:
     """Write each file that is generated in a checkout."""
+    own = {"PYTHONPATH": str(root)}
     with session.chdir(root):
         session.run("python", "deploy/addresses.py")
         session.run("uv", "lock", "--quiet")
         for path, words in EXPORTED.items():
             session.run(*EXPORT, *words, "--output-file", path, silent=True)
-        own = {"PYTHONPATH": str(root)}
         for path, text in PRINTED.items():
             printed = session.run("python", *text.split(), env=own, silent=True, stderr=None)
             (root / path).write_text(str(printed), encoding="utf-8")
-        for text in dict.fromkeys(WRITTEN.values()):
+        for text in WRITE:
             session.run("python", *text.split(), env=own)
-
-
-def generated(root: Path) -> dict[str, bytes]:
-    """Return the content of each file that is generated, by its path in the checkout."""
-    named = [root / path for path in ("uv.lock", *EXPORTED, *PRINTED, *WRITTEN)]
-    files = (file for path in named for file in (path.rglob("*") if path.is_dir() else [path]))
-    return {str(file.relative_to(root)): file.read_bytes() for file in files if file.is_file()}
 
 
 @in_venv
@@ -210,7 +207,8 @@ def install(session: nox.Session, *words: str) -> None:
     """Install libraries, and beside them what tests and compiles, as it is pinned."""
     tools = Path(session.create_tmp()) / "tools.txt"
     session.run(*EXPORT, "--no-hashes", "--only-group", "test", "--only-group", "build", "-o", str(tools), silent=True)
-    session.install("--only-binary", ":all:", "--requirement", str(tools), *words)
+    session.install("--requirement", str(tools))
+    session.install("--only-binary", ":all:", *words)
 
 
 @in_venv

@@ -1,4 +1,4 @@
-"""A program that uses the library as the docs do has no wrong type for pyright in its strict mode; mypy: deploy/go."""
+"""A program that uses the library as the docs do has no wrong type for pyright (strict); for mypy: `nox -s types`."""
 
 import json
 import subprocess
