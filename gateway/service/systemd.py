@@ -36,7 +36,7 @@ class Notifier:
         self.status(status)
 
     def reloading(self) -> None:
-        """Tell that the config is being read again, and since when, as Type=notify-reload wants; `ready` must follow."""
+        """Tell that the config is read again, and since when, as Type=notify-reload wants; `ready` must follow."""
         self._step(f"RELOADING=1\nMONOTONIC_USEC={time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000}")
 
     def status(self, text: str) -> None:

@@ -150,7 +150,7 @@ def check_removal(system: BootedSystem) -> None:
 
 
 def check_reload(system: BootedSystem) -> None:
-    """A reload is complete when systemctl returns, and fails if the file is wrong. With Type=notify-reload only the first."""
+    """A reload is complete when systemctl returns; unless Type=notify-reload, it fails if the file is wrong."""
     good = (system.root / CONFIG.lstrip("/")).read_text()
     system.write(CONFIG, good + "[[image]]\n")
     assert system.run("systemctl", "reload", SERVICE).returncode != 0, "a wrong file was not told"
