@@ -128,9 +128,11 @@ def run_all(session: nox.Session, jobs: list[passes.Job]) -> None:
 
 @in_venv
 def docs(session: nox.Session) -> None:
-    """A site of docs/ in dist/site; -- linkcheck tries the links that lead elsewhere."""
+    """A site of docs/ in dist/site, whose search finds; -- linkcheck tries the links that lead elsewhere."""
     builder = (*session.posargs, "html")[0]
     session.run("sphinx-build", "--quiet", "--fail-on-warning", "--keep-going", "-b", builder, "docs", "dist/site")
+    if builder == "html" and shutil.which("node"):
+        session.run("node", "tests/docs/first_hits.js", "dist/site", external=True)
     session.log("the site is dist/site")
 
 
