@@ -13,6 +13,7 @@ from nats.js.api import KeyValueConfig
 from gateway.errors import FleetError
 from gateway.fleet.connection import PING_INTERVAL, NatsConnection
 from gateway.fleet.counts import LostMessages
+from gateway.fleet.credentials import make_credentials, public_key, read_credentials
 from gateway.fleet.messages import Message
 from gateway.fleet.settings import Login, Server
 from kit.free_port import free_port
@@ -161,14 +162,24 @@ async def test_a_bucket_that_was_deleted_is_made_again_by_who_asks_for_it_next(t
     with NatsServer(tmp_path) as nats:
         connection = NatsConnection(server_of(nats), Login("a"))
         await connection.open()
-        bucket = await connection.bucket("mbgw-status")
+        bucket = await connection.bucket("mbgw-lease")
         await bucket.put("a", b"1")
-        await asyncio.to_thread(delete_bucket, nats, "mbgw-status")
-        with pytest.raises(FleetError, match="the bucket mbgw-status was deleted"):
+        await asyncio.to_thread(delete_bucket, nats, "mbgw-lease")
+        with pytest.raises(FleetError, match="the bucket mbgw-lease was deleted"):
             await call(bucket)
-        again = await connection.bucket("mbgw-status")
+        again = await connection.bucket("mbgw-lease")
         assert await again.get("a") is None
         await again.put("a", b"2")
+        await connection.close()
+
+
+async def test_who_makes_the_bucket_of_statuses_makes_that_of_leases_too(tmp_path):
+    """A site with a lease may make none, and the one that may has perhaps no lease."""
+    with NatsServer(tmp_path) as nats:
+        connection = NatsConnection(server_of(nats), Login("control"))
+        await connection.open()
+        await connection.bucket("mbgw-status")
+        assert nats.told("jsz")["streams"] == 2
         await connection.close()
 
 
@@ -197,6 +208,18 @@ async def test_a_credentials_file_logs_in(tmp_path):
             await _opened(nats, Login("a", credentials=other.credentials("a")))
         with pytest.raises(FleetError, match="it is not a credentials file"):
             await _opened(nats, Login("a", credentials="-----BEGIN NATS USER JWT-----\nx\n"))
+
+
+async def test_a_credentials_file_with_a_key_alone_logs_in_where_the_server_knows_the_key(tmp_path):
+    text, other = make_credentials("a"), make_credentials("a")
+    known = public_key(read_credentials(text).key)
+    with NatsServer(tmp_path, f"authorization {{ users: [{{ nkey: {known} }}] }}") as nats:
+        await _opened(nats, Login("a", credentials=text))
+        with pytest.raises(FleetError, match="it refuses this user"):
+            await _opened(nats, Login("a", credentials=other))
+        context = ssl.create_default_context()
+        with pytest.raises(FleetError, match="it does not offer TLS"):
+            await _opened(nats, Login("a", credentials=text, context=context), is_encrypted=True)
 
 
 async def test_without_pynacl_a_credentials_file_says_what_to_install(tmp_path, monkeypatch):
