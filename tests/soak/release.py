@@ -118,7 +118,8 @@ def apt(folder: Path) -> None:
     make()
     with server(url, sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1", "-d", folder / "site"):
         nspawn = ("systemd-nspawn", "--quiet", "--register=no", "--keep-unit", "--pipe", "--volatile=overlay")
-        run(*nspawn, f"--directory={system_tree()}", "sh", "-c", f"{first} && {told}")
+        said = run(*nspawn, f"--directory={system_tree()}", "sh", "-c", f"{first} && {told}")
+        print(said[said.rindex("Setting up modbus-gateway") :])
 
 
 def image(folder: Path) -> None:
