@@ -42,6 +42,7 @@ from gateway.web.pages.login import LoginPage
 from gateway.web.pages.overview import OverviewPage
 from gateway.web.pages.problem import problem_pages
 from gateway.web.pages.renderer import Page, Renderer
+from gateway.web.pages.sites import SitesPage
 from gateway.web.pages.situation import Situations
 from gateway.web.pages.traffic import TrafficPage
 from gateway.web.pages.unit import UnitPage
@@ -157,6 +158,7 @@ def _application(
         ImagePage(operator, renderer, rights),
         WritePages(operator, renderer, rights),
         ClientsPage(operator, renderer),
+        SitesPage(operator, renderer),
         HealthPage(doctor, renderer),
         applied,
         ConfigPage(operator, renderer, applied),

@@ -1,6 +1,6 @@
 """The pages. They are made on the server, so that they appear at once and work without JavaScript.
 
-- overview, values, line, unit, image, events, traffic, health, clients, config, login    a page each
+- overview, values, line, unit, image, events, traffic, health, clients, sites, config, login    a page each
 - config_change, applied    a text that might become the config; configs from before
 - add_line, new_line    a line that is searched for units and written as text for the config
 - points       the points of a unit, on its page and on that of an image

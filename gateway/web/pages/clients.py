@@ -1,15 +1,12 @@
 """The page of the clients: who is connected, who was rejected, and what rights each of them has."""
 
-import asyncio
 import re
 from collections.abc import Sequence
 from typing import Final
 
 from aiohttp import web
 
-from gateway.errors import FleetError, WrongQuestion
-from gateway.fleet.status import SiteStatus
-from gateway.operator.answers.status import Status
+from gateway.errors import WrongQuestion
 from gateway.operator.asked import Traced
 from gateway.operator.operator import Operator
 from gateway.operator.rights import Client, Verdict, rights_in_words, routers, verdict
@@ -26,9 +23,6 @@ from gateway.web.pages.renderer import Renderer
 #: This many clients are shown, those first that asked last, and this many requests without a right.
 MOST_CLIENTS: Final = 200
 MOST_DENIED: Final = 10
-#: How long NATS may take to list the sites, and how old the list may be, in seconds.
-_PATIENCE: Final = 2.0
-_KEPT: Final = 3.0
 _NUMBER: Final = re.compile(r"[0-9]{1,5}")
 #: The fields of the form.
 _FIELDS: Final = ("from", "listener", "role", "unit", "function", "address")
@@ -40,9 +34,6 @@ class ClientsPage:
     def __init__(self, operator: Operator, renderer: Renderer) -> None:
         self._operator = operator
         self._renderer = renderer
-        self._sites_known: tuple[Sequence[SiteStatus], str] = ((), "")
-        self._sites_at = float("-inf")
-        self._one_at_a_time = asyncio.Lock()
 
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
         """List the routes: method, path, handler, and what it needs."""
@@ -63,7 +54,6 @@ class ClientsPage:
             clients=clients[:MOST_CLIENTS],
             more=max(0, len(clients) - MOST_CLIENTS),
             denied=await self._denied(request[VISITOR].host),
-            sites=await self._sites(status),
             certificates=sorted(status.certificates, key=lambda each: each.days_left),
             soon=EARLY,
             rights=rights_in_words(self._operator.gateway),
@@ -92,23 +82,6 @@ class ClientsPage:
             return verdict(self._operator.running, client, int(unit), int(function), at), ""
         except WrongQuestion as wrong:
             return None, str(wrong)
-
-    async def _sites(self, status: Status) -> tuple[Sequence[SiteStatus], str]:
-        """List the sites of the fleet, or say why they are not known; the list may be some seconds old."""
-        if not status.fleets:
-            return (), ""
-        async with self._one_at_a_time:
-            now = asyncio.get_running_loop().time()
-            if now - self._sites_at >= _KEPT:
-                try:
-                    async with asyncio.timeout(_PATIENCE):
-                        self._sites_known = tuple(await self._operator.running.add_ons.fleet.sites()), ""
-                except FleetError as error:
-                    self._sites_known = (), str(error)
-                except TimeoutError:
-                    self._sites_known = (), "NATS takes too long"
-                self._sites_at = asyncio.get_running_loop().time()
-            return self._sites_known
 
     async def _denied(self, host: str) -> Sequence[object]:
         """List the last requests that a client had no right to."""

@@ -23,6 +23,7 @@ class Head:
     name: str
     now: datetime
     situation: Situation | None
+    has_fleet: bool = False
 
     @property
     def zone(self) -> str:
@@ -44,4 +45,5 @@ class Heads:
         now = datetime.fromtimestamp(self._operator.clock()).astimezone()
         if not visitor.may_read:
             return Head(site or _NAME, now, None)
-        return Head(site or gethostname(), now, await self._situations.now())
+        has_fleet = self._operator.gateway.plan.fleet is not None
+        return Head(site or gethostname(), now, await self._situations.now(), has_fleet)
