@@ -19,7 +19,7 @@ LARGEST_VALUE: Final = 64 * 1024
 #: How long the server remembers message identifiers, in seconds. Gateways send none.
 _REMEMBERED: Final = 0.1
 #: The most entries requested at once.
-_QUESTIONS: Final = 64
+_QUESTIONS: Final = 32
 
 T = TypeVar("T")
 
@@ -94,7 +94,7 @@ class Bucket:
         return await self._result(self._store.put(key, value))
 
     async def entries(self, only: Collection[str] | None = None) -> list[Entry]:
-        """Read all entries, or those for these keys, with times, some at once."""
+        """Read all entries, or those for these keys, with times, a few at once."""
         if only is None:
             info = await self._result(self._stream.stream_info(self._stream_name, f"{self._prefix}>"))
             subjects = list(info.state.subjects or ())

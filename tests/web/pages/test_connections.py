@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from gateway.fleet.status import FleetStatus, SiteStatus
+from gateway.fleet.status import FleetStatus
 from gateway.operator.answers.status import LeaseStatus
 from gateway.operator.operator import Operator
 from gateway.operator.status import recent_status
@@ -118,18 +118,6 @@ async def test_certificates_are_listed_the_first_to_expire_first(bench):
     assert '<span class="state down">2026-05-01</span>' in text
     assert '<span class="state failing">2026-06-01</span>' in text
     assert '<span class="state up">2036-06-01</span>' in text
-
-
-async def test_sites_that_are_not_known_say_why(bench):
-    assert "The sites of the fleet are not known:" in (await bench.browser().get("/clients")).text
-
-
-async def test_the_sites_of_the_fleet_are_listed(bench, monkeypatch):
-    async def sites():
-        return [SiteStatus("east", "lost", 90.0, "gw-1", "0.1.0", 2, ("hall",), 7)]
-
-    monkeypatch.setattr(bench.running.add_ons.fleet, "sites", sites)
-    assert (await rows(bench))["east"] == "east | lost | 90 s | gw-1 | 0.1.0 | 2 · down: hall | 7"
 
 
 async def test_the_overview_has_tiles_for_them(bench):
