@@ -137,7 +137,8 @@ def image(folder: Path) -> None:
 
     run("mmdebstrap", "--variant=minbase", f"--include={BASE_OF_IMAGES}", "trixie", folder / "base.tar")
     (folder / "Dockerfile").write_text(
-        f"FROM scratch\nADD base.tar /\nENV PIP_BREAK_SYSTEM_PACKAGES=1 PIP_CERT={CERTIFICATES}"
+        "FROM scratch\nADD base.tar /\n"
+        f"ENV PIP_BREAK_SYSTEM_PACKAGES=1 PIP_CERT={CERTIFICATES} SSL_CERT_FILE={CERTIFICATES}\n"
     )
     build("--tag", PYTHON_IMAGE, folder)
     name = f"{ADDRESSES['image']}:{version}"

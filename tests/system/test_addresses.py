@@ -74,6 +74,8 @@ def test_one_file_changes_all_addresses(everything):
 
 
 def test_and_changes_them_again_and_back(some):
+    (some / "other.md").write_text(f"{NEW['source']}-tools {NEW['image']}-tools")  # of somebody else
+    subprocess.run(["git", "add", "other.md"], cwd=some, check=True)
     before = texts(some)
     longer = NEW | {"source": f"{NEW['source']}-2", "documentation": f"{NEW['source']}/docs"}
     old = written(some)
