@@ -114,7 +114,7 @@ def member(files: dict[str, bytes], end: str) -> str:
 
 def test_the_wheel_has_every_file_of_the_gateway_and_its_commands(wheel):
     package = CHECKOUT / "gateway"
-    files = [path for path in package.rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    files = [path for path in package.rglob("*") if path.is_file() and path.suffix not in {".po", ".pyc"}]
     assert {name for name in wheel if ".dist-info/" not in name} == {str(path.relative_to(CHECKOUT)) for path in files}
     commands = re.findall(r"^([\w-]+) = gateway\.cli\.main:main$", member(wheel, "entry_points.txt"), re.MULTILINE)
     assert set(commands) == {"modbus-gateway", "mbgw"}
@@ -256,7 +256,7 @@ def test_what_the_pages_name_is_in_the_package_as_it_is_in_the_checkout():
     pages = " ".join(page.read_text(encoding="utf-8") for page in (CHECKOUT / "docs").glob("*.md"))
     named = {each for each in re.findall(r"deploy/([a-z]+)\b", pages) if (DEPLOY / each).is_dir()}
     of_checkouts = {"debian", "homeassistant"}
-    assert {"keepalived", "nats", "udev"} <= named
+    assert {"keepalived", "udev"} <= named
     assert [each for each in sorted(named - of_checkouts) if f"deploy/{each}" not in packed] == []
     (compress,) = re.findall(r"dh_compress (.*)", (DEPLOY / "debian/rules").read_text())
     assert "--exclude=.conf" in compress
