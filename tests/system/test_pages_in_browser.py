@@ -6,6 +6,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from deploy.translations import all_catalogues
 from gateway.web.text.languages import LANGUAGES
 from kit.chromium import (
     EACH_LANGUAGE,
@@ -69,7 +70,30 @@ def test_a_page_is_accessible_and_asks_nobody_else(browser, address, path, langu
         assert asked.count(page.url) <= 2 + (time.monotonic() - began) / 5  # it is renewed every five seconds
         assert page.locator("html").get_attribute("lang") == LANGUAGES[language].tag
         assert page.locator("h1").count() == 1
+        assert left_in_english(page, language) == []
         assert (page_findings(page) if language == "en" else phone_findings(page)) == []  # all but places is the same
+
+
+#: The texts of a page but those that are marked as English.
+_TEXTS = """() => [...document.body.querySelectorAll("*:not([lang=en], [lang=en] *, textarea, pre, code)")]
+    .flatMap((each) => [
+        ...[...each.childNodes].filter((node) => node instanceof Text).map((node) => node.data.trim()),
+        ...["title", "aria-label", "placeholder"].map((name) => each.getAttribute(name) ?? ""),
+    ])"""
+
+
+def left_in_english(page, language):
+    """What a page shows of the texts that the language of it has, in English. Single words may be names."""
+    english = [
+        re.sub(r"%\\\(\w+\\\)s", ".+?", re.escape(text))
+        for code, catalogue in all_catalogues()
+        if code == language
+        for message in catalogue
+        for text in ([message.id] if isinstance(message.id, str) else message.id)
+        if re.search("[a-z]{2}", re.sub(r"%\(.*?\)s|^\w+$", "", text)) and text not in message.string
+    ]
+    found = re.compile(rf"(?:^|[·,:;] )(?:{'|'.join(english)})(?=$|[·,:;] )") if english else re.compile("(?!)")
+    return [text for text in page.evaluate(_TEXTS) if found.search(text)]
 
 
 @pytest.mark.parametrize("path", PAGES.values())

@@ -49,7 +49,7 @@ export const FAILED = new Set(["timeout", "failed", "broken"]);
 export function titleOf(item) {
   const { fact } = item;
   if (item.kind === "port") return fact.reason ? _("port lost: %(reason)s", { reason: fact.reason }) : _("port open");
-  if (item.kind === "heard") return `${STATES[item.state]}${item.state === "noise" || !fact.frame ? "" : ": " + _("address %(address)s on the wire", { address: bytesOf(fact.frame)[0] })}`;
+  if (item.kind === "heard") return STATES[item.state] + (item.state === "noise" || !fact.frame ? "" : ": " + _("address %(address)s on the wire", { address: bytesOf(fact.frame)[0] }));
   return `${named(fact.unit, fact.name)}: ${requestInWords(bytesOf(fact.request))}`;
 }
 
@@ -72,7 +72,7 @@ export function outcomeOf({ kind, fact }) {
 /** What the first points of it are, as the gateway says. */
 export function meaningOf({ fact }) {
   const told = (fact.points ?? []).map(({ point, text }) => `${point} ${text}`).join(", ");
-  return fact.more_points ? `${told}, ${_("%(count)s more", { count: fact.more_points })}` : told;
+  return fact.more_points ? told + ", " + _("%(count)s more", { count: fact.more_points }) : told;
 }
 
 /** A cell with the meaning of it and what came of it. */
@@ -128,7 +128,7 @@ export function detailOf(item, line, gap) {
 }
 
 /** The devices whose values were asked for, of a virtual unit. */
-const sourcesOf = ({ sources }) => (sources ? ` · ${_("values of %(sources)s", { sources: sources.join(", ") })}` : "");
+const sourcesOf = ({ sources }) => (sources ? " · " + _("values of %(sources)s", { sources: sources.join(", ") }) : "");
 
 function frame(label, pieces) {
   const row = element("div", "frame");

@@ -22,6 +22,7 @@ export const texts = {
 "%(count)s 小时"
 ],
 "%(count)s missed": "丢失 %(count)s 条",
+"%(count)s more": "另有 %(count)s 个",
 "%(count)s not answered": "%(count)s 次未响应",
 "%(count)s not sent": "%(count)s 次未发送",
 "%(count)s of %(total)s": "%(count)s / %(total)s",
@@ -66,6 +67,7 @@ export const texts = {
 "a late response is awaited": "等待迟到的响应",
 "acknowledge": "已确认，处理中",
 "address": "地址",
+"address %(address)s on the wire": "线上地址 %(address)s",
 "answer in %(time)s on average": "平均响应 %(time)s",
 "answer in %(time)s on average, %(share)s of the limit": "平均响应 %(time)s，占时限 %(share)s",
 "answered": "已响应",
@@ -151,6 +153,7 @@ export const texts = {
 "the unit rests": "暂停请求该单元",
 "time-out": "超时",
 "unit %(unit)s": "单元 %(unit)s",
+"values of %(sources)s": "数值来自 %(sources)s",
 "waited %(wait)s · request %(request)s · device %(device)s · response %(response)s · limit %(limit)s": "排队 %(wait)s · 请求 %(request)s · 设备 %(device)s · 响应 %(response)s · 时限 %(limit)s",
 "waited %(wait)s · request %(request)s · no valid response for %(lost)s · limit %(limit)s": "排队 %(wait)s · 请求 %(request)s · %(lost)s 内无有效响应 · 时限 %(limit)s",
 "waited too long": "排队过久",
