@@ -9,6 +9,7 @@ from typing import Any
 from docutils import nodes
 from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.transforms import SphinxTransform
 
 ROOT = Path(__file__).parents[1]
@@ -75,7 +76,15 @@ def _slug(section: nodes.section) -> str:
     return re.sub(r"[^\w\- ]", "", section[0].astext().lower()).replace(" ", "-")
 
 
+def write_pages_with_entries(app: Sphinx, env: BuildEnvironment) -> list[str]:  # noqa: ARG001 - Sphinx passes it
+    """Have these pages written each time: Sphinx forgets the entries of pages that have not changed."""
+    return [page for page, entries in env.domains.index_domain.entries.items() if entries]
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
+    if gone := [place for place in _SOUGHT if not (ROOT / "docs" / f"{place.partition('#')[0]}.md").exists()]:
+        raise LookupError(f"search.toml: there is no {', '.join(gone)}")
     app.connect("source-read", lead_to_the_source)
     app.add_transform(EntersSoughtWords)
+    app.connect("env-updated", write_pages_with_entries)
