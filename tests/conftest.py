@@ -44,9 +44,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 _at_any_pace = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
-hypothesis.settings.register_profile("dev", **_at_any_pace, max_examples=15)  # others each time; CI tries 100
-hypothesis.settings.register_profile("ci", **_at_any_pace, derandomize=True, print_blob=True)
-# For what CI runs a second time, with compiled modules or in place of the oldest libraries: --hypothesis-profile=quick
+hypothesis.settings.register_profile("dev", **_at_any_pace, max_examples=15)  # others each time
+hypothesis.settings.register_profile("ci", **_at_any_pace, derandomize=True, print_blob=True, max_examples=50)
+# With the oldest libraries: --hypothesis-profile=quick
 hypothesis.settings.register_profile("quick", **_at_any_pace, derandomize=True, print_blob=True, max_examples=15)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
 

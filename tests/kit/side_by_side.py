@@ -18,7 +18,7 @@ class Job:
 
     name: str
     command: Sequence[str]
-    #: It begins when the job of this name has passed.
+    #: It begins when the job of this name has ended.
     after: str = ""
     #: It begins at once, and before those that compute.
     waits: bool = False
@@ -67,9 +67,6 @@ class _Run:
     async def _do(self, job: Job) -> None:
         if job.after:
             await self._ended[job.after].wait()
-            if not self.passed.get(job.after):
-                self._ended[job.name].set()
-                return
         async with nullcontext() if job.waits else self._cores:
             began = monotonic()
             self.passed[job.name] = passed = await self._status(job) == 0
@@ -91,7 +88,7 @@ class _Run:
                     await process.wait()
 
     def _log(self, job: Job) -> Path:
-        return self._logs / f"{job.name.replace(' ', '-')}.log"
+        return self._logs / f"{job.name.replace(',', '').replace(' ', '-')}.log"
 
 
 def _say(text: str) -> None:
