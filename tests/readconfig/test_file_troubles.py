@@ -244,7 +244,7 @@ def about(tmp_path):
         ('credentials = "{}"', JWT + SEED, 0o600, ""),
         ('credentials = "{}"', None, 0, "No such file or directory"),
         ('credentials = "{}"', JWT + SEED, 0o644, "others may read or change it; chmod o=,g-w {}"),
-        ('credentials = "{}"', JWT, 0o600, "it is not a credentials file: that has the token and the seed of a user"),
+        ('credentials = "{}"', JWT, 0o600, "it is not a credentials file: that has the seed of a user"),
     ],
 )
 def test_what_the_gateway_logs_in_to_a_fleet_with_is_read(about, tmp_path, monkeypatch, login, content, mode, reason):
