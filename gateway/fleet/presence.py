@@ -15,12 +15,12 @@ from gateway.fleet.headers import text_of
 from gateway.fleet.inventory import MOST_NAMES, inventory_in
 from gateway.fleet.messages import Entry
 from gateway.fleet.status import SiteStatus
+from gateway.fleet.subjects import STATUS
 
 if TYPE_CHECKING:
     from gateway.fleet.bucket import Bucket
     from gateway.fleet.connection import NatsConnection
 
-BUCKET: Final = "mbgw-status"
 #: Seconds between renewals of an entry, and the age at which a site counts as lost.
 PERIOD: Final = 10.0
 LOST_AFTER: Final = 35.0
@@ -102,7 +102,7 @@ class Presence:
     async def _bucket(self) -> "Bucket":
         if self._connection is None:
             raise FleetError("NATS cannot be reached")
-        return await self._connection.bucket(BUCKET)
+        return await self._connection.bucket(STATUS)
 
 
 def status_of(entry: Entry, now: float) -> SiteStatus | None:
