@@ -19,7 +19,7 @@ PYTHON = f"""#!/bin/sh
 [ "$2" = venv ] || exec {sys.executable} "$@"
 for last; do :; done
 echo "venv ${{last##*/}}" >> "$CALLS"
-{sys.executable} -m venv --without-pip "$last"
+{sys.executable} "$@" --without-pip
 mkdir -p "$last"/lib/python3.{sys.version_info.minor}/site-packages/pip
 cp "$PIP" "$last"/lib/python3.{sys.version_info.minor}/site-packages/pip/__main__.py
 """
@@ -41,6 +41,7 @@ case " $* " in *" --no-dev "*) what=libraries ;; *) what=tools ;; esac
 echo "uv $1 $what" >> "$CALLS"
 [ ! -e "$BROKEN" ] || kill -KILL "$PPID"
 [ -e "$UV_PROJECT_ENVIRONMENT" ] || {sys.executable} -m venv --without-pip "$UV_PROJECT_ENVIRONMENT"
+grep -q ^uv "$UV_PROJECT_ENVIRONMENT/pyvenv.cfg" || echo "uv = 1" >> "$UV_PROJECT_ENVIRONMENT/pyvenv.cfg"
 [ "$what" = libraries ] || printf '#!/bin/sh\necho "nox $*"\n[ ! -e "$BROKEN" ]\n' > "$UV_PROJECT_ENVIRONMENT/bin/nox"
 [ "$what" = libraries ] || chmod +x "$UV_PROJECT_ENVIRONMENT/bin/nox"
 """
@@ -232,6 +233,14 @@ def test_without_uv_pip_installs_the_one_that_brings_the_tools(checkout: Checkou
     checkout.write("uv.lock", "# changed\n")
     checkout.go("compile")
     assert checkout.calls() == ["pip requirements.txt", *TOOLS]
+
+
+def test_what_pip_has_begun_is_begun_again(checkout: Checkout) -> None:
+    (checkout.programs / "uv").unlink()
+    checkout.program("python3.12", PYTHON)
+    checkout.write(".venv/bin/python", "")
+    assert checkout.go()[:2] == (0, "1 []\n")
+    assert checkout.calls() == ["venv .venv", "pip requirements.txt"]
 
 
 def test_without_any_python_it_names_the_package_to_install(checkout: Checkout) -> None:
