@@ -1,6 +1,6 @@
 // Tells the numbers of the place in a heat map that is pointed at; on the link of a unit, ← and → do the same.
 import { failuresInWords, requestsInWords } from "./counts.js";
-import { ms, percent } from "./quantities.js";
+import { hour, ms, percent } from "./quantities.js";
 import { _ } from "./texts.js";
 
 const KEPT = 60000; // milliseconds
@@ -19,8 +19,6 @@ async function historyOf(unit) {
   return found;
 }
 
-const time = (seconds) => new Date(seconds * 1000).toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
-
 function words(slot) {
   if (!slot) return _("the gateway did not run");
   if (!slot.requests) return _("not asked");
@@ -37,7 +35,7 @@ async function tell(row, place) {
     const { step, slots } = await historyOf(unit);
     if (shown?.unit !== unit || shown.place !== place) return;
     const number = Math.floor(Date.now() / 1000 / step) - SLOTS + 1 + place;
-    reading.textContent = `${unit}, ${time(number * step)}–${time((number + 1) * step)}: ${words(slots.get(number))}`;
+    reading.textContent = `${unit}, ${hour(number * step)}–${hour((number + 1) * step)}: ${words(slots.get(number))}`;
     mark(row, place);
   } catch {
     reading.textContent = "";

@@ -1,7 +1,7 @@
 // A line in the last hour or day, in the place of its strip: the server draws it, and this tells the numbers of a column.
 import { failuresInWords, requestsInWords } from "./counts.js";
 import { element } from "./transactions.js";
-import { ms, percent } from "./quantities.js";
+import { hour, ms, percent } from "./quantities.js";
 import { _ } from "./texts.js";
 
 const EVERY = { "1h": 10000, "24h": 60000 }; // milliseconds
@@ -65,9 +65,8 @@ export class Past {
       picture.append(mark);
     }
     const { first, step, line, units } = this.told;
-    const time = (number) => new Date(number * step * 1000).toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
     const head = element("p", "what");
-    head.append(element("strong", "", `${time(first + place)}–${time(first + place + 1)}`), element("span", "", lineInWords(line[place])));
+    head.append(element("strong", "", `${hour((first + place) * step)}–${hour((first + place + 1) * step)}`), element("span", "", lineInWords(line[place])));
     const asked = Object.entries(units).filter(([, told]) => told[place]?.[0]);
     this.detail.replaceChildren(head, ...asked.map(([unit, told]) => element("p", "", `${unit}: ${unitInWords(told[place])}`)));
   }

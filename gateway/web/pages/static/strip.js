@@ -1,5 +1,5 @@
 // The line strip: what a line did in the last seconds, to scale. Requests stand above the middle, responses below it.
-import { FAILED, clock, detailOf, element, itemOf, named, resultOf, stateOf, titleOf } from "./transactions.js";
+import { FAILED, clock, detailOf, element, itemOf, named, resultOf, stateOf, titleOf, wireOf } from "./transactions.js";
 import { ms, percent, seconds } from "./quantities.js";
 import { LONG_SPANS, Past } from "./past.js";
 import { failuresInWords } from "./counts.js";
@@ -36,8 +36,8 @@ const stretched = (lanes, height) => {
 class Strip {
   constructor(figure) {
     this.figure = figure;
-    const { line, mode, baud, format } = figure.dataset;
-    this.line = { name: line, mode, baud: Number(baud), bits: format ? 1 + Number(format[0]) + (format[1] === "N" ? 0 : 1) + Number(format[2]) : 0 };
+    const { line } = figure.dataset;
+    this.line = { name: line, ...wireOf(figure.dataset) };
     this.names = new Map(JSON.parse(figure.dataset.units || "[]"));
     this.order = [...this.names.keys()];
     this.isAsked = figure.dataset.asked !== undefined; // by an outside client: what the line does then is not ours

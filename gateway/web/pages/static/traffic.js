@@ -1,6 +1,6 @@
 // The table of the traffic as it goes on: new transactions come in above, and a row opens to its frames.
 import { bytesOf, requestInWords } from "./frames.js";
-import { clock, detailOf, element, itemOf, resultOf, stateOf, titleOf } from "./transactions.js";
+import { clock, detailOf, element, itemOf, resultOf, stateOf, titleOf, wireOf } from "./transactions.js";
 import { ms } from "./quantities.js";
 import { _, ngettext } from "./texts.js";
 
@@ -9,7 +9,7 @@ const PER_SECOND = 100; // records that the gateway sends at most; it counts the
 const SHOW_EVERY = 250; // milliseconds
 
 const table = document.querySelector("table.traffic"), body = table.tBodies[0], controls = document.querySelector("[data-live]");
-const lines = new Map(Object.entries(JSON.parse(table.dataset.lines)).map(([name, [mode, baud, format]]) => [name, { mode, baud, bits: format ? 1 + Number(format[0]) + (format[1] === "N" ? 0 : 1) + Number(format[2]) : 0 }]));
+const lines = new Map(Object.entries(JSON.parse(table.dataset.lines)).map(([name, [mode, baud, format]]) => [name, wireOf({ mode, baud, format })]));
 const NO_LINE = { mode: "tcp", baud: 0, bits: 0 };
 const items = new WeakMap();
 let waiting = []; // facts that are not in the table yet, the newest last

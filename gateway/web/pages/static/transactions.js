@@ -16,6 +16,9 @@ const OWNERS = {
   "another's request": _("request of another client"), nobody: _("not requested by anybody"), noise: _("bytes that are no frame"), "a damaged frame": _("a character of it was damaged"),
 };
 
+/** What a line is like: `bits` are those of a character. */
+export const wireOf = ({ mode, baud, format }) => ({ mode, baud: Number(baud), bits: format ? 1 + Number(format[0]) + (format[1] === "N" ? 0 : 1) + Number(format[2]) : 0 });
+
 /** What stands in a record of the trace, with the times of its parts in seconds: `begin, left, back, end`. */
 export function itemOf(fact, line) {
   const character = line.baud ? line.bits / line.baud : 0;
