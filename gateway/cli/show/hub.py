@@ -16,7 +16,7 @@ At the machine of the hub:
   sudo nats-server -t -c /etc/nats-server.conf
   {load}"""
 _RESTART: Final = "sudo systemctl restart nats-server"
-#: A new account reaches the buckets only after the second reload of nats-server (2.9.10).
+#: A new account reaches the buckets only after the second reload of nats-server (2.9.10, 2.15.1).
 _RELOAD: Final = "sudo systemctl reload nats-server && sleep 5 && sudo systemctl reload nats-server"
 
 _AT_SITE: Final = """

@@ -14,7 +14,7 @@ _LEAF: Final = """\
 server_name: {name}
 listen: "127.0.0.1:4222"    # where the gateways of this site find it
 http: "127.0.0.1:8222"
-leafnodes {{ reconnect: 2, remotes: [{{ url: {url}{ca} }}] }}
+leafnodes {{ remotes: [{{ url: {url}{ca} }}] }}
 jetstream {{ store_dir: {store}, domain: {name}, max_memory_store: 64MB, max_file_store: 1GB }}
 max_payload: 64KB
 write_deadline: "5s"
