@@ -144,6 +144,7 @@ class TcpListener:
         """Count a new client."""
         self.counts.accepted += 1
         self.connections.enter(connection, _now())
+        self._sweep_later()
         if self.settings.scheme in _WITHOUT_NUMBERS:
             self._look_later()
         caller = connection.caller
@@ -202,12 +203,18 @@ class TcpListener:
     def _reject_replaced(self, connection: TcpConnection) -> None:
         connection.reject(MADE_ROOM)
 
+    @property
+    def _must_sweep(self) -> bool:
+        return self.has_clients
+
     def _sweep_later(self) -> None:
-        self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
+        """Schedule the next sweep, unless it is scheduled or not needed: a gateway may have hundreds of listeners."""
+        if self._sweeping is None and self._must_sweep:
+            self._sweeping = asyncio.get_running_loop().call_later(SWEEP_STEP, self._sweep)
 
     def _sweep(self) -> None:
         """Close the connections that cannot be kept, and abort those that have been closing for too long."""
-        now = _now()
+        now, self._sweeping = _now(), None
         self.connections.look(now)
         for connection in self.connections:
             connection.check_client(now, self.settings.idle)

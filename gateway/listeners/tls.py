@@ -120,6 +120,10 @@ class TlsListener(TcpListener):
     def _rejected(self, connecting: ConnectingClient, reason: str) -> None:
         self.rejected(connecting.caller.client, reason)
 
+    @property
+    def _must_sweep(self) -> bool:
+        return True  # handshakes and kept sessions too
+
     def _sweep(self) -> None:
         self._handshakes.sweep(asyncio.get_running_loop().time())
         self._kept.limit()

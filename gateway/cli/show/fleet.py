@@ -16,8 +16,9 @@ from gateway.tls.status import EARLY
 
 #: Of more sites than this, only those are listed that are not fine.
 MOST: Final = 50
-#: So many configs, or versions, are counted.
+#: So many configs, or versions, are counted, and so many lines of a site are named.
 _MOST_KINDS: Final = 4
+_MOST_NAMES: Final = 3
 
 
 def sites_as_text(told: Sites, day: date, width: int, *, shows_all: bool) -> str:
@@ -40,7 +41,7 @@ def _table(day: date) -> Table[Sites, SiteStatus]:
             "STATE": lambda site: painted(site.state),
             "FOR": lambda site: show_age(1000 * site.for_s),
             "LINES UP": lambda site: site.lines,
-            "DOWN": lambda site: red(", ".join(site.lines_down)) or "-",
+            "DOWN": lambda site: red(_first(site.lines_down)) or "-",
             "UNITS": lambda site: site.units,
             "TO FIX": lambda site: yellow(str(to_fix(site) or "")) or "-",
             "EXPIRES": lambda site: _in_days(days_left(site, day)),
@@ -49,6 +50,12 @@ def _table(day: date) -> Table[Sites, SiteStatus]:
             "HOST": lambda site: site.host,
         },
     )
+
+
+def _first(names: Sequence[str]) -> str:
+    """Name the first lines that are down, and count the others."""
+    others = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {others} more" if others > 0 else "")
 
 
 def _in_days(left: float) -> str:

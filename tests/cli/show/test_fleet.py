@@ -41,3 +41,8 @@ def test_many_sites_that_are_all_fine_need_no_table():
     told = shown(*(site(f"plant-{number}") for number in range(60)))
     assert told == ["  60 sites are fine; --all lists them, too", "", "60 sites: 60 up"]
     assert shown(site("a"))[-1] == "1 site: 1 up"
+
+
+def test_of_many_lines_that_are_down_the_first_are_named():
+    told = shown(site("a", lines_down=tuple(f"hall-{number}" for number in range(9))))
+    assert "hall-0, hall-1, hall-2 and 6 more  7" in told[2]
