@@ -77,6 +77,31 @@ async def test_clients_are_checked_at_regular_times_until_the_listener_closes(sc
     assert (connection.checks, connection.looks, connection.aborts) == (4, looks, 1)
 
 
+async def test_a_listener_without_clients_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A control room has hundreds of them."""
+    timers: list[object] = []
+    loop = asyncio.get_running_loop()
+    call_later = loop.call_later
+
+    def count(delay: float, call: Any, *arguments: Any) -> Any:
+        timers.append(call)
+        return call_later(delay, call, *arguments)
+
+    monkeypatch.setattr(loop, "call_later", count)
+    listener, connection = started("tcp"), Connection()
+    for client in (None, connection, None):
+        if client is not None:
+            listener.connected(client)
+            await asyncio.sleep(4.5 * SWEEP_STEP)
+            listener.closed(client, "")
+            await asyncio.sleep(2 * SWEEP_STEP)
+            timers.clear()
+        await asyncio.sleep(10 * SWEEP_STEP)
+        assert not [each for each in timers if "sweep" in repr(each)]
+    assert connection.checks == 4
+    listener.close()
+
+
 async def test_one_that_is_closing_for_too_long_is_aborted() -> None:
     listener, connection = started("tcp"), Connection()
     listener.connected(connection)
