@@ -10,7 +10,7 @@ from gateway.cli.main import parser_of_all
 
 DOCS = Path(__file__).parents[2] / "docs"
 PARSER, VERBS = parser_of_all()
-_TYPED = re.compile(r"(?:`|^ {4}(?:\$ )?|&& )(?:sudo )?modbus-gateway ([^`|#\n&>A-Z][^`|#\n&>]*)", re.MULTILINE)
+_TYPED = re.compile(r"(?:`|^ {4,}(?:\$ )?|&& )(?:sudo )?modbus-gateway ([^`|#\n&>A-Z][^`|#\n&>]*)", re.MULTILINE)
 
 
 def typed(page):
