@@ -260,3 +260,25 @@ def test_what_the_pages_name_is_in_the_package_as_it_is_in_the_checkout():
     assert [each for each in sorted(named - of_checkouts) if f"deploy/{each}" not in packed] == []
     (compress,) = re.findall(r"dh_compress (.*)", (DEPLOY / "debian/rules").read_text())
     assert "--exclude=.conf" in compress
+
+
+def test_the_pages_in_the_package_lead_to_what_is_there(tmp_path):
+    """As tests/soak/package.py sees it where it is installed."""
+    folder = "usr/share/doc/modbus-gateway"
+    packed = [(name, name) for name in (DEPLOY / "debian/docs").read_text().split()]
+    for source, *target in map(str.split, (DEPLOY / "debian/install").read_text().splitlines()):
+        if target[0].startswith(folder):
+            packed.append((source, f"{target[0].removeprefix(folder)}/{Path(source).name}".strip("/")))
+    packed += [("gateway", "gateway"), ("deploy/examples", "deploy/examples")]  # debian/links
+    for source, target in packed:
+        (tmp_path / target).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / target).symlink_to(CHECKOUT / source)
+    pages = [page for source, _ in packed for page in (CHECKOUT / source, *(CHECKOUT / source).rglob("*.md"))]
+    missing = [
+        f"{page.relative_to(CHECKOUT)}: {target}"
+        for page in pages
+        if page.suffix == ".md"
+        for target in re.findall(r"\]\((?!http)([^)#]+)", page.read_text(encoding="utf-8"))
+        if not Path(os.path.normpath(tmp_path / page.relative_to(CHECKOUT).parent / target)).exists()
+    ]
+    assert missing == []
