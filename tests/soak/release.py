@@ -147,16 +147,12 @@ def image(folder: Path) -> None:
     config, storage = folder / "registry.yml", {"filesystem": {"rootdirectory": f"{folder}/registry"}}
     config.write_text(json.dumps({"version": 0.1, "storage": storage, "http": {"addr": f"127.0.0.1:{port}"}}))
     with server(f"http://127.0.0.1:{port}/v2/", "docker-registry", "serve", config):
-        buildah("built", "push", "--quiet", "--tls-verify=false", name, f"docker://{place}:{version}")
-        buildah(
-            "built",
-            "push",
-            "--quiet",
-            "--tls-verify=false",
-            f"{place}/home-assistant",
-            f"docker://{place}/home-assistant",
-        )
-        for pulled, words in ((f"{place}:{version}", ("demo", "--once")), (f"{place}/home-assistant", ("--help",))):
+        for built, pushed in ((name, f"{place}:{version}"), (f"{place}/home-assistant", f"{place}/home-assistant")):
+            buildah("built", "push", "--quiet", "--tls-verify=false", built, f"docker://{pushed}")
+        for pulled, words in (
+            (f"{place}:{version}", ("demo", "--once")),
+            (f"{place}/home-assistant", ("check", "/usr/share/modbus-gateway/gateway.toml")),
+        ):
             container = buildah("fresh", "from", "--quiet", "--pull-always", "--tls-verify=false", pulled).strip()
             print(buildah("fresh", "run", container, "--", "modbus-gateway", *words)[:300])
 
