@@ -116,8 +116,10 @@ def test_a_release_wants_addresses_and_its_version_and_its_changes(some):
     version = "7.0.1"
     (some / "gateway/version.py").write_text(f'__version__ = "{version}"\n')
     (some / "CHANGELOG.md").write_text(f"## {version}, not released yet\n")
-    assert [what.partition(":")[0] for what in hindrances(some, "v7.0")] == [
-        *["deploy/project.toml"] * 4,
+    fill_in(some, {name: text.replace(".plant", ".example") for name, text in NEW.items()})
+    assert hindrances(some, "v7.0") == [
+        *(f"deploy/project.toml: {name} is a placeholder" for name in NEW),
+        "deploy/project.toml is not what stands in the files: nox -s gen",
         "the tag is v7.0, and gateway/version.py says 7.0.1",
         "CHANGELOG.md does not say that 7.0.1 is released",
     ]
