@@ -214,6 +214,11 @@ def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
     ):
         (tmp_path / file).touch()
     (tmp_path / "deploy/debian/control").write_text("Maintainer: somebody <x@y.example>\n")
+    everywhere, elsewhere = (
+        "a==1 \\\n    --hash=b\n",
+        "c==1 ; platform_machine in 'x86_64' \\\n    --hash=d \\\n    --hash=e\n",
+    )
+    (tmp_path / "deploy/requirements.txt").write_text(everywhere + elsewhere + everywhere)
     (tmp_path / "gateway/version.py").write_text('__version__ = "0"\n')
     (tmp_path / "systemd/modbus-gateway.service").touch()
     shutil.copy(DEPLOY / "build-deb", tmp_path / "deploy")
@@ -234,6 +239,10 @@ def test_who_builds_the_package_sees_how_far_it_is(tmp_path):
     assert ("--target" in installed, "deploy.manual_pages" in written) == (True, True)
     assert "\n -- somebody <x@y.example>  " in (tmp_path / "build/deb/debian/changelog").read_text()
     assert done.stdout.strip().endswith("dist/modbus-gateway_0_amd64.deb")
+    requirements = tmp_path / "build/deb/requirements.txt"
+    assert requirements.read_text() == everywhere + elsewhere + everywhere
+    subprocess.run([tmp_path / "deploy/build-deb", "armhf"], capture_output=True, check=False, env=environment)
+    assert requirements.read_text() == everywhere * 2
 
 
 def test_who_installs_with_pipx_is_told_every_extra():
