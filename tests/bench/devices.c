@@ -15,6 +15,7 @@
  *   --ascii          Modbus ASCII instead of RTU
  *   --delay FC:US    reply delay of one function code in microseconds
  *                    (FC 0 = every function); may be repeated
+ *   --late N:US      every N-th request is answered US microseconds later than others
  *   --baud N         line pacing: model a serial line of N baud (0 = no pacing)
  *   --bits N         bits per character when pacing (default 11; 8N1 is 10)
  *   --t35 US         silence in us (default: 3.5 chars, 1750 above 19200, ASCII 0)
@@ -74,6 +75,8 @@ static struct port ports[MAX_PORTS];
 static int n_ports;
 static uint8_t unit_ok[256], unit_dead[256];
 static int64_t delay_ns[256];
+static int64_t late_ns;
+static unsigned long late_each;
 static int ascii, stamp, counts, dead_port = -1, fifo = 1;
 static int64_t char_ns, t35_ns, strict_ns;
 static volatile sig_atomic_t stop;
@@ -257,6 +260,8 @@ static void serve(struct port *p, const uint8_t *q, size_t n, int64_t when)
     }
     p->sent = 0;
     p->out_start = when + (delay_ns[q[1]] ? delay_ns[q[1]] : delay_ns[0]);
+    if (late_each && st.requests % late_each == 0)
+        p->out_start += late_ns;
     if (char_ns) {
         p->reply_end = p->out_start + (int64_t)p->n_out * char_ns;
         st.busy_ns += (int64_t)p->n_out * char_ns;
@@ -408,6 +413,10 @@ int main(int argc, char **argv)
             const char *c = strchr(v, ':');
             if (c && fc >= 0 && fc < 256)
                 delay_ns[fc] = atoll(c + 1) * 1000;
+        } else if (!strcmp(a, "--late")) {
+            const char *c = strchr(v, ':');
+            late_each = c ? (unsigned long)atol(v) : 0;
+            late_ns = c ? atoll(c + 1) * 1000 : 0;
         } else if (!strcmp(a, "--baud")) baud = atoll(v);
         else if (!strcmp(a, "--bits")) bits = atoll(v);
         else if (!strcmp(a, "--t35")) t35_us = atoll(v);

@@ -21,16 +21,15 @@ from scenarios import SCENARIOS, Scenario
 
 #: What each gateway waits for a response, in milliseconds; all have the same.
 TIMEOUT = 500
-#: Devices that take longer than that, in microseconds: what they send comes while the next request is under way.
-LATE_US = 600_000
+#: Every tenth answer of a device comes after that, in microseconds: while the next request is under way.
+LATE = "10:550000"
 
 _PACED = "latency19200", "line19200", "line115200"
 _LATE = Scenario(
-    what="2 clients, one unit each, whose devices answer after the time limit",
+    what="2 clients of one unit; every tenth answer comes after the time limit",
     clients=2,
     baud=19200,
-    units="1-2",
-    sticky=True,
+    units="1",
     think_after_exception=20,
     timeout=TIMEOUT,
     warmup=1,
@@ -133,8 +132,8 @@ def run(name: str, tools: Path, starter: Starter | None) -> measure.Figures:
     with tempfile.TemporaryDirectory(prefix="rivals.") as folder, ExitStack() as stack:
         tty = Path(folder) / "tty0"
         others, own = programs.processors()
-        delay = ["--delay", f"0:{LATE_US}"] if name == "late" else []
-        simulator = programs.start([*programs.devices(scenario, tools, [tty]), *delay], others, stdout=-1)
+        late = ["--late", LATE] if name == "late" else []
+        simulator = programs.start([*programs.devices(scenario, tools, [tty]), *late], others, stdout=-1)
         stack.callback(programs.end, simulator)
         programs.wait_for_ports([tty], simulator)
         if starter is None:
