@@ -85,10 +85,10 @@ class GatewayUpstream:
 
     def unnamed_of(self, plan: UpstreamPlan) -> dict[int, Device]:
         """Return the units that `plan` does not name: existing ones and new ones."""
-        for each in plan.unnamed:
-            if each.unit not in self.unnamed:
-                self.unnamed[each.unit] = self._new_device(each)
-        return {each.unit: self.unnamed[each.unit] for each in plan.unnamed}
+        for unit in plan.unlisted:
+            if unit not in self.unnamed:
+                self.unnamed[unit] = self._new_device(plan.unlisted_unit(unit))
+        return {unit: self.unnamed[unit] for unit in plan.unlisted}
 
     def adopt(self, plan: UpstreamPlan) -> None:
         """Take over `plan`, which differs only in its place in the file or in the listeners that lead to it."""
@@ -97,5 +97,5 @@ class GatewayUpstream:
         self.longest_wait = longest_waits_behind(plan)
         for each in plan.devices:
             self.devices[each.known_as].source = each.source
-        for each in plan.unnamed:
-            self.unnamed[each.unit].source = each.source
+        for device in self.unnamed.values():
+            device.source = plan.upstream.source

@@ -1,6 +1,7 @@
 """`check`: which points are guarded, and which devices have functions that guards do not understand."""
 
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align, without_middles
@@ -76,7 +77,7 @@ def _devices(plan: Plan) -> Iterator[tuple[str, Profile]]:
         else:
             yield from ((device.name, device.profile) for device in owner.devices)
         if isinstance(owner, UpstreamPlan):
-            yield from ((f"{owner.name} (each other)", device.profile) for device in owner.unnamed[:1])
+            yield from ((f"{owner.name} (each other)", device.profile) for device in islice(owner.unnamed, 1))
 
 
 def _place(guard: Guard) -> str:

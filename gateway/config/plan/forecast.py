@@ -173,14 +173,16 @@ def longest_waits_behind(plan: UpstreamPlan) -> dict[str, float]:
     before = settings.max_wait + settings.gap + settings.after_connect
     is_connection = isinstance(plan.port, TcpSettings)
     waits: dict[Hashable, float] = {}
-    for device in (*plan.devices, *plan.unnamed):
+    others = [plan.usual] if plan.usual is not None and plan.unlisted else []
+    for device in (*plan.devices, *others):
         kind = _limiting(device)
         if kind not in waits:
             limits = function_limits(device.profile, device.answer_time, plan.budget)
             limit, repeats = max(one.most_items for one in limits), (device.wake > 0.0) + settings.retries
             connecting = min(limit, settings.max_wait) + settings.after_connect if is_connection else 0.0
             waits[kind] = before + limit + repeats * (settings.gap + connecting + limit)
-    return {device.name: waits[_limiting(device)] for device in (*plan.devices, *plan.unnamed)}
+    known = {device.name: waits[_limiting(device)] for device in plan.devices}
+    return known | {name: waits[_limiting(usual)] for usual in others for name in plan.unlisted.values()}
 
 
 def least_timeouts_at_other_sites(plan: Plan) -> dict[str, float]:

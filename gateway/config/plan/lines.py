@@ -111,7 +111,7 @@ def upstream_plan(upstream: Upstream, profiles: dict[str, Profile], config: Conf
         devices=tuple(one for row in rows_of(upstream) for one in _of_row(upstream, row, profiles, config)),
         others=tuple(other for other in others if isinstance(other, TcpSettings)),
         usual=usual,
-        unnamed=tuple(_unnamed(upstream, usual)) if listeners_for(upstream, config) else (),
+        unlisted=unlisted_units(upstream) if listeners_for(upstream, config) else {},
     )
 
 
@@ -205,12 +205,6 @@ def _of_row(owner: Owner, row: Device, profiles: dict[str, Profile], config: Con
             wake=wake,
             source=row.place,
         )
-
-
-def _unnamed(upstream: Upstream, usual: DeviceSettings) -> Iterator[DeviceSettings]:
-    """Describe the units of the server that no row lists."""
-    for unit, name in unlisted_units(upstream).items():
-        yield replace(usual, name=name, unit=unit, known_as=unit, source=upstream.place)
 
 
 def _wake(owner: Owner, row: Device, profile: Profile) -> float:

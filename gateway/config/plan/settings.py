@@ -1,6 +1,6 @@
 """The settings of every part of a gateway. What reads and checks a config is not needed to know them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Final, Literal, NamedTuple
 
@@ -111,15 +111,25 @@ class UpstreamPlan:
     devices: tuple[DeviceSettings, ...]
     #: Other addresses of the same server.
     others: tuple[TcpSettings, ...] = ()
-    #: What its other units have in common, and all of these if there are listeners for it, which lead to them. The
+    #: What its other units have in common, and their names if there are listeners for it, which lead to them. The
     #: connection is the same without.
     usual: DeviceSettings | None = None
-    unnamed: tuple[DeviceSettings, ...] = field(default=(), compare=False)
+    unlisted: Mapping[int, str] = field(default_factory=dict, compare=False)
 
     @property
     def name(self) -> str:
         """The name of the upstream."""
         return self.upstream.name
+
+    @property
+    def unnamed(self) -> Iterator[DeviceSettings]:
+        """Describe the units that the config does not name: hundreds of upstreams would have too many to keep."""
+        return map(self.unlisted_unit, self.unlisted)
+
+    def unlisted_unit(self, unit: int) -> DeviceSettings:
+        """Describe one of the units that the config does not name."""
+        assert self.usual is not None  # noqa: S101 - every config gives it
+        return replace(self.usual, name=self.unlisted[unit], unit=unit, known_as=unit, source=self.upstream.source)
 
     @property
     def budget(self) -> ServerBudget:

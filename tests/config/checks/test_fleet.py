@@ -111,11 +111,11 @@ def test_listeners_for_a_site_need_no_upstream_and_share_the_one_that_there_is()
     plan = plan_of(SERVERS, SITE + LISTEN.format(5021, "plant-1") + LISTEN.format(5022, "plant-1"))
     assert [each.only for each in plan.listeners] == ["fleet://plant-1"] * 2
     [upstream] = plan.upstreams
-    assert (upstream.port.site, len(upstream.unnamed)) == ("plant-1", 256)
+    assert (upstream.port.site, len(upstream.unlisted)) == ("plant-1", 256)
     named = UPSTREAM.format("fleet://plant-1").replace("to =", 'name = "east"\nto =')
     plan = plan_of(SERVERS, SITE + LISTEN.format(5021, "plant-1") + named)
     assert [each.only for each in plan.listeners] == ["east"]
-    assert [len(each.unnamed) for each in plan.upstreams] == [255]
+    assert [len(each.unlisted) for each in plan.upstreams] == [255]
 
 
 @pytest.mark.parametrize(
