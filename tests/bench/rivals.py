@@ -42,16 +42,17 @@ MEASURED: dict[str, Scenario] = {
     "port1": SCENARIOS["port1"],
     "dead": replace(SCENARIOS["dead"], timeout=TIMEOUT, warmup=5, seconds=20),
     "late": _LATE,
+    "upstream1": SCENARIOS["upstream1"],
 }
 
-#: How a program is started: for a scenario, in a folder, on a tty, at a port.
-Starter = Callable[[Scenario, Path, Path, int], Words]
+#: How a program is started: for a scenario, in a folder, on a tty (or before the server at an address), at a port.
+Starter = Callable[[Scenario, Path, Path | str, int], Words]
 
 
 def mbusd(program: Path) -> Starter:
     """Start mbusd with the shortest pause that keeps t3.5, in its whole milliseconds, and its own three retries."""
 
-    def start(scenario: Scenario, _: Path, tty: Path, port: int) -> Words:
+    def start(scenario: Scenario, _: Path, tty: Path | str, port: int) -> Words:
         options = f"-d -L - -v 0 -m 8n1 -A 127.0.0.1 -C 128 -T 0 -W {TIMEOUT} -R {2 if scenario.baud else 1}"
         return [program, *options.split(), "-p", tty, "-s", str(scenario.baud or 115200), "-P", str(port)]
 
@@ -61,7 +62,7 @@ def mbusd(program: Path) -> Starter:
 def in_go(program: Path) -> Starter:
     """Start ffutop/modbus-gateway."""
 
-    def start(scenario: Scenario, folder: Path, tty: Path, port: int) -> Words:
+    def start(scenario: Scenario, folder: Path, tty: Path | str, port: int) -> Words:
         serial = {"device": str(tty), "baud_rate": scenario.baud or 115200, "data_bits": 8, "parity": "N"}
         serial |= {"stop_bits": 1, "timeout": f"{TIMEOUT}ms", "rqst_pause": "2ms" if scenario.baud else "1us"}
         upstream = {"type": "tcp", "tcp": {"address": f"127.0.0.1:{port}"}}
@@ -77,7 +78,7 @@ def in_go(program: Path) -> Starter:
 def in_cpp(program: Path) -> Starter:
     """Start petukhovtd/modbus_gateway."""
 
-    def start(scenario: Scenario, folder: Path, tty: Path, port: int) -> Words:
+    def start(scenario: Scenario, folder: Path, tty: Path | str, port: int) -> Words:
         serial = {"frame_type": "rtu", "timeout_ms": TIMEOUT, "device": str(tty), "baud_rate": scenario.baud or 115200}
         serial |= {"character_size": 8, "parity": "none", "stop_bits": 1, "flow_control": "none"}
         serial["unit_id"] = [{"type": "range", "begin": 1, "end": 247}]
@@ -93,7 +94,7 @@ def in_cpp(program: Path) -> Starter:
 def in_python(program: Path) -> Starter:
     """Start modbus-gateway of PyPI, which is tspspi/modbusgw."""
 
-    def start(scenario: Scenario, folder: Path, tty: Path, port: int) -> Words:
+    def start(scenario: Scenario, folder: Path, tty: Path | str, port: int) -> Words:
         front = {"id": "front", "type": "tcp_modbus_tcp", "host": "127.0.0.1", "port": port}
         back = {"id": "back", "type": "pyserial", "device": str(tty), "baudrate": scenario.baud or 115200}
         back |= {"parity": "N", "stop_bits": 1, "request_timeout_ms": TIMEOUT}
@@ -110,6 +111,11 @@ def in_python(program: Path) -> Starter:
         return [program, "-c", file, "start", "--foreground"]
 
     return start
+
+
+def proxy(program: Path) -> Starter:
+    """Start modbus-proxy, which knows Modbus TCP servers only."""
+    return lambda _, __, server, port: [program, "--bind", f"tcp://127.0.0.1:{port}", "--modbus", server]
 
 
 def ours(program: Words) -> Starter:
@@ -138,15 +144,20 @@ def run(name: str, tools: Path, starter: Starter | None) -> measure.Figures:
         programs.wait_for_ports([tty], simulator)
         if starter is None:
             return measure.asked(scenario, programs.load_on_line(scenario, tools, tty))
-        port = programs.free_port()
-        command = starter(scenario, Path(folder), tty, port)
+        port, place = programs.free_port(), tty
+        if scenario.behind_server:
+            server = programs.free_port()
+            command = programs.relay(scenario, tools, [tty], server)
+            stack.enter_context(measure.running("server", command, others, server, Path(folder)))
+            place = f"tcp://127.0.0.1:{server}"
+        command = starter(scenario, Path(folder), place, port)
         between = stack.enter_context(measure.running("between", command, own, port, Path(folder)))
         return measure.asked(scenario, programs.load(scenario, tools, port, between.pid))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    makers = {"mbusd": mbusd, "go": in_go, "cpp": in_cpp, "python": in_python}
+    makers = {"mbusd": mbusd, "go": in_go, "cpp": in_cpp, "python": in_python, "proxy": proxy}
     for each in makers:
         parser.add_argument(f"--{each}", type=Path, metavar="PROGRAM")
     parser.add_argument("--checkout", type=Path, metavar="FOLDER", help="the one whose gateway is measured")
@@ -161,13 +172,18 @@ def main() -> int:
         starters |= {each: make(path.resolve()) for each, make in makers.items() if (path := getattr(args, each))}
         for scenario in args.names:
             for each, starter in starters.items():
-                if starter is None and not MEASURED[scenario].has_direct:
+                if not _can(each, scenario):
                     continue
-                if each == "relay" and scenario in ("dead", "late"):
-                    continue  # it waits for ever
                 for _ in range(args.rounds):
                     print(f"{scenario:13}{each:8}{_shown(scenario, tools, starter)}", flush=True)
     return 0
+
+
+def _can(program: str, name: str) -> bool:
+    """Whether a program is asked in a scenario. The relay waits for ever where a unit is dead."""
+    if MEASURED[name].behind_server or program == "proxy":
+        return program in ("ours", "proxy") and MEASURED[name].behind_server
+    return MEASURED[name].has_direct if program == "direct" else program != "relay" or name not in ("dead", "late")
 
 
 def _shown(scenario: str, tools: Path, starter: Starter | None) -> str:
