@@ -24,18 +24,20 @@ from kit.side_by_side import side_by_side  # noqa: E402
 
 #: What is generated, and what prints it.
 PRINTED: Final = {
-    "docs/configuration.md": "-m gateway.config.documents.reference",
+    "docs/configuration.md": "-m deploy.reference",
     "docs/own-registers.md": "-m gateway.images.self_map",
-    "gateway/web/api/openapi.json": "-m gateway.web.api.document",
-    "gateway/web/pages/static/config-keys.json": "-m gateway.config.documents.completion",
+    "gateway/web/api/openapi.json": "-m deploy.api_document",
+    "gateway/web/pages/static/config-keys.json": "-m deploy.config_keys",
     "tests/library/public.txt": "tests/library/public_names.py",
 }
 #: What writes its files itself: completions, pages of the profiles, translations of the pages.
 WRITE: Final = (
     "-m deploy.completions",
-    "-m gateway.config.documents.profile_pages",
+    "-m deploy.profile_pages",
     "-m deploy.translations",
 )
+#: What of these has types.
+GENERATORS: Final = ("api_document", "api_schemas", "config_keys", "profile_pages", "reference")
 EXPORT: Final = ("uv", "export", "--quiet", "--frozen", "--no-emit-project", "--no-annotate", "--no-default-groups")
 #: What pip installs where there is no uv: the libraries that run the gateway, and uv itself.
 EXPORTED: Final = {
@@ -107,6 +109,7 @@ def _lint(session: nox.Session) -> None:
 def _types(session: nox.Session) -> None:
     session.run("mypy")
     session.run("mypy", "docs/examples")
+    session.run("mypy", *(f"--module=deploy.{name}" for name in GENERATORS))
 
 
 def _tests(session: nox.Session) -> None:

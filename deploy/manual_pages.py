@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Final
 from unittest.mock import patch
 
+from deploy.reference import document
 from deploy.roff import manual_page
 from gateway.cli.kit.examples import EXAMPLES
 from gateway.cli.main import VERBS, parser_of_all
-from gateway.config.documents.reference import document
 
 _DOCUMENTS: Final = "/usr/share/doc/modbus-gateway"
 _COMMAND: Final = """\

@@ -4,6 +4,7 @@ Editors complete keys with it, show what they mean, and mark most wrong values. 
 accepts, the schema accepts too.
 """
 
+import json
 import tomllib
 from typing import Final
 
@@ -11,10 +12,9 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
-from gateway.config.documents.reference import default_text
 from gateway.config.schema.config import Config
-from gateway.config.schema.table import keys_of
-from gateway.config.values.kind import Schema
+from gateway.config.schema.table import Table, keys_of
+from gateway.config.values.kind import Kind, Schema
 
 #: Taplo knows no later draft.
 _DRAFT: Final = "http://json-schema.org/draft-07/schema#"
@@ -55,3 +55,14 @@ def _with_default(schema: Schema, field: FieldInfo) -> Schema:
     text = "" if field.is_required() else default_text(field)
     default = {"default": tomllib.loads(f"default = {text}")["default"]} if text else {}
     return {**({"allOf": [{"$ref": reference}]} if reference else {}), **schema, **default}
+
+
+def default_text(field: FieldInfo) -> str:
+    """Show the default as it is written in a file; empty if that cannot be written."""
+    value = field.default
+    for one in field.metadata:
+        if isinstance(one, Kind) and value not in ((), {}):
+            return one.show(value)
+    if value in (None, (), {}) or isinstance(value, Table):
+        return ""
+    return json.dumps(value)

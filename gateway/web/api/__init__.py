@@ -2,5 +2,4 @@
 
 - operations, asking    the routes made from the table of operations; the asker and the parameters of a request
 - api, trace, session    what only HTTP can do: sessions, streams, files
-- document, schemas    make openapi.json when an operation has changed; a running gateway does not load them
 """

@@ -3,14 +3,14 @@
 import json
 from pathlib import Path
 
-from gateway.config.documents.completion import completion
+from deploy.config_keys import completion
 from gateway.config.documents.json_schema import json_schema
 
 KEYS = Path("gateway/web/pages/static/config-keys.json")
 
 
 def test_the_file_is_made_of_the_present_schema():
-    command = "python -m gateway.config.documents.completion > gateway/web/pages/static/config-keys.json"
+    command = "python -m deploy.config_keys > gateway/web/pages/static/config-keys.json"
     assert json.loads(KEYS.read_text()) == completion(), f"run: PYTHONPATH=. {command}"
 
 

@@ -8,9 +8,9 @@ import jsonschema_rs
 import pytest
 from hypothesis import given, settings
 
+from deploy.reference import EXAMPLE, SMALLEST
 from gateway.cli.main import main
 from gateway.config.documents.json_schema import json_schema
-from gateway.config.documents.reference import EXAMPLE, SMALLEST
 from kit.configs import accepted_configs
 
 ROOT = Path(__file__).parents[3]

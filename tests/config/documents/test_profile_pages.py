@@ -1,8 +1,8 @@
 import pytest
 
+from deploy.profile_pages import FOLDER, page, pages, write_pages
 from gateway.config.documents.point_rows import identity_text
 from gateway.config.documents.points_csv import number_text
-from gateway.config.documents.profile_pages import FOLDER, page, pages, write_pages
 from gateway.config.schema.profile import ProfileTable
 from gateway.profiles import shipped_names
 
@@ -10,7 +10,7 @@ PAGES = pages()
 
 
 def test_there_is_a_page_for_each_shipped_profile_and_no_other():
-    command = "run: python -m gateway.config.documents.profile_pages"
+    command = "run: python -m deploy.profile_pages"
     assert {file.name for file in FOLDER.glob("*.md")} == {"index.md", *(f"{name}.md" for name in shipped_names())}, (
         command
     )
@@ -18,7 +18,7 @@ def test_there_is_a_page_for_each_shipped_profile_and_no_other():
 
 @pytest.mark.parametrize("name", PAGES)
 def test_a_page_is_current(name):
-    command = "run: python -m gateway.config.documents.profile_pages"
+    command = "run: python -m deploy.profile_pages"
     assert (FOLDER / name).read_text(encoding="utf-8") == PAGES[name], command
 
 

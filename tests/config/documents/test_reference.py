@@ -6,21 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config.documents.reference import EXAMPLE, SMALLEST, document
+from deploy.reference import EXAMPLE, SMALLEST, document
 from gateway.config.load import parse
 
 PAGE = Path(__file__).parents[3] / "docs" / "configuration.md"
 
 
 def test_the_page_is_current():
-    command = "run: python -m gateway.config.documents.reference > docs/configuration.md"
+    command = "run: python -m deploy.reference > docs/configuration.md"
     assert PAGE.read_text(encoding="utf-8") == document(), command
 
 
 def test_the_page_can_be_made_as_it_says():
-    made = subprocess.run(
-        [sys.executable, "-m", "gateway.config.documents.reference"], capture_output=True, check=True, text=True
-    )
+    made = subprocess.run([sys.executable, "-m", "deploy.reference"], capture_output=True, check=True, text=True)
     assert made.stdout == document()
 
 

@@ -5,24 +5,22 @@ import subprocess
 import sys
 from dataclasses import dataclass, field
 
+from deploy.api_document import as_text, document
+from deploy.api_schemas import schemas_of
 from gateway.operator.answers.values import IF_KNOWN
 from gateway.operator.operations import OPERATIONS
 from gateway.version import __version__
 from gateway.web.api.api import DOCUMENT
-from gateway.web.api.document import as_text, document
-from gateway.web.api.schemas import schemas_of
 from kit.browser import web_bench
 
 
 def test_it_is_current():
-    command = "run: python -m gateway.web.api.document > gateway/web/api/openapi.json"
+    command = "run: python -m deploy.api_document > gateway/web/api/openapi.json"
     assert DOCUMENT.read_text(encoding="utf-8") == as_text(document()), command
 
 
 def test_it_can_be_made_as_it_says():
-    made = subprocess.run(
-        [sys.executable, "-m", "gateway.web.api.document"], capture_output=True, check=True, text=True
-    )
+    made = subprocess.run([sys.executable, "-m", "deploy.api_document"], capture_output=True, check=True, text=True)
     assert made.stdout == as_text(document())
 
 

@@ -1,4 +1,4 @@
-"""Writes a page for each shipped profile, and their list: `python -m gateway.config.documents.profile_pages`."""
+"""Writes a page for each shipped profile, and their list: `python -m deploy.profile_pages`."""
 
 from collections.abc import Iterator
 from itertools import takewhile
@@ -15,11 +15,11 @@ from gateway.modbus.codes import Area
 from gateway.profiles import shipped_names
 
 #: Where the pages of this checkout are.
-FOLDER: Final = Path(__file__).parents[3] / "docs" / "profiles"
+FOLDER: Final = Path(__file__).parents[1] / "docs" / "profiles"
 #: The list, which leads to the others.
 INDEX: Final = "index.md"
 
-_MADE: Final = "<!-- Made by `python -m gateway.config.documents.profile_pages` from gateway/profiles/{file}. -->"
+_MADE: Final = "<!-- Made by `python -m deploy.profile_pages` from gateway/profiles/{file}. -->"
 _INDEX: Final = """\
 # Shipped profiles
 

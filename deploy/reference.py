@@ -1,6 +1,5 @@
-"""Writes docs/configuration.md: `python -m gateway.config.documents.reference > docs/configuration.md`."""
+"""Writes docs/configuration.md: `python -m deploy.reference > docs/configuration.md`."""
 
-import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from inspect import getdoc
@@ -9,6 +8,7 @@ from typing import Annotated, Any, Final, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
+from gateway.config.documents.json_schema import default_text
 from gateway.config.schema.config import Config
 from gateway.config.schema.table import Table, keys_of, row_model
 from gateway.config.values.kind import Kind
@@ -77,7 +77,7 @@ points    = [                    # what its registers mean: modbus-gateway read 
 _OPENING: Final = f"""\
 # Configuration
 
-<!-- Made by `python -m gateway.config.documents.reference` from gateway/config/schema: change the text there. -->
+<!-- Made by `python -m deploy.reference` from gateway/config/schema: change the text there. -->
 
 The gateway reads one [TOML](https://toml.io) file: `/etc/modbus-gateway/gateway.toml`, or `FILE` in
 `modbus-gateway run FILE`. The smallest useful file has one port and its settings:
@@ -231,17 +231,6 @@ def _default(field: FieldInfo) -> str:
         return "**must be given**"
     text = default_text(field)
     return text and f"`{text}`"
-
-
-def default_text(field: FieldInfo) -> str:
-    """Show the default as it is written in a file; empty if that cannot be written."""
-    value = field.default
-    for one in field.metadata:
-        if isinstance(one, Kind) and value not in ((), {}):
-            return one.show(value)
-    if value in (None, (), {}) or isinstance(value, Table):
-        return ""
-    return json.dumps(value)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """The keys of every table with their values, for the page that completes them: the JSON Schema, made small.
 
-    PYTHONPATH=. .venv/bin/python -m gateway.config.documents.completion > gateway/web/pages/static/config-keys.json
+    PYTHONPATH=. .venv/bin/python -m deploy.config_keys > gateway/web/pages/static/config-keys.json
 
 `{"Line": {"mode": {"what": "What is spoken on the line.", "values": ["rtu", "ascii"]}}}` has the keys of the whole file
 under the empty name, and at a key the `table` that stands there, with `list` if `[[name]]` is written, and with `named`

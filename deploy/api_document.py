@@ -1,6 +1,6 @@
 """Makes the document of the API, OpenAPI 3.1, from the table of operations; the gateway serves it as it was made.
 
-    .venv/bin/python -m gateway.web.api.document > gateway/web/api/openapi.json
+    .venv/bin/python -m deploy.api_document > gateway/web/api/openapi.json
 
 The schemas are those that pydantic makes of the types of operations. A running gateway does not load it.
 """
@@ -10,6 +10,7 @@ import sys
 from collections.abc import Collection, Mapping
 from typing import Any, Final, get_type_hints
 
+from deploy.api_schemas import PLACE, Schema, reference_to, schema_of, schemas_of, without_null
 from gateway.errors import ExceptionReceived, WrongQuestion
 from gateway.operator.answers.running import Reloaded
 from gateway.operator.answers.status import (
@@ -28,7 +29,6 @@ from gateway.operator.operation import Operation
 from gateway.operator.operations import OPERATIONS
 from gateway.operator.parameters import Parameter, parameters_of
 from gateway.web.api.operations import NAMED, ROOT, Operations
-from gateway.web.api.schemas import PLACE, Schema, reference_to, schema_of, schemas_of, without_null
 from gateway.web.api.session import Session
 from gateway.web.api.trace import RecordsToCapture, RecordsToFollow
 from gateway.web.front.problems import OF_EXCEPTIONS, STATUSES, Problem
