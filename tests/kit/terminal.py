@@ -5,6 +5,7 @@ import os
 import pty
 import re
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -25,6 +26,9 @@ class Screen:
     """The rows of a terminal that knows just the codes which the commands use; another one is an error."""
 
     def __init__(self, columns: int, rows: int) -> None:
+        self.is_other = False
+        self.has_cursor = True
+        self.wraps = True
         self.resize(columns, rows)
         self._rest = ""
 
@@ -76,6 +80,13 @@ class Screen:
                 self._clear()
             case "m", _:
                 self._colour = "" if numbers == "0" else numbers
+            case "?h" | "?l", "1049":
+                self.is_other = code == "?h"
+                self._clear()
+            case "?h" | "?l", "25":
+                self.has_cursor = code == "?h"
+            case "?h" | "?l", "7":
+                self.wraps = code == "?h"
             case _:
                 raise AssertionError(f"a terminal has got {code} {numbers}")
 
@@ -91,7 +102,7 @@ class Screen:
         else:
             assert character.isprintable(), f"a terminal has got {character!r}"
             width = 2 if east_asian_width(character) in "WF" else 1
-            if self._column + width > self.columns:
+            if self._column + width > self.columns and self.wraps:
                 self._write("\r")
                 self._write("\n")
             self._column = min(self._column, self.columns - width)
@@ -107,6 +118,7 @@ class Terminal:
         self.screen = Screen(columns, rows)
         self._ours, theirs = pty.openpty()
         self._resize(columns, rows)
+        self.settings = termios.tcgetattr(theirs)
         variables = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "LINES", "NO_COLOR")}
         self.process = subprocess.Popen(
             [sys.executable, *command],
@@ -137,6 +149,15 @@ class Terminal:
 
     def _resize(self, columns: int, rows: int) -> None:
         fcntl.ioctl(self._ours, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+    def end(self, number: int = signal.SIGTERM) -> None:
+        self.process.send_signal(number)
+
+    @property
+    def is_as_before(self) -> bool:
+        """Whether the terminal is as the command found it."""
+        is_shown = self.screen.has_cursor and self.screen.wraps and not self.screen.is_other
+        return is_shown and termios.tcgetattr(self._theirs) == self.settings
 
     def wait_for(self, text: str) -> str:
         """Wait until this text is seen, and return all that is seen then."""

@@ -34,6 +34,11 @@ def dim(text: str) -> str:
     return _painted(text, 2)
 
 
+def reverse(text: str) -> str:
+    """Paint what is chosen."""
+    return _painted(text, 7)
+
+
 def _painted(text: str, code: int) -> str:
     return f"{_BEGIN}{code}m{text}{_END}" if text else text
 

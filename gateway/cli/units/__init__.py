@@ -1,6 +1,6 @@
 """Units as commands read and write them: through the gateway or directly.
 
-- words    what was typed
+- words, mbpoll    what was typed, and options of mbpoll that were typed by habit
 - on_unit, unit    finds a unit, and opens it through the gateway or directly
 - reading, values    requests one after the other, and the values that they read
 - direct, direct_scan, device_server    without a gateway

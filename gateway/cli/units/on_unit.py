@@ -7,6 +7,7 @@ from typing import Literal
 
 from gateway.cli.kit.daemon import Conversation, which_gateway
 from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
+from gateway.cli.units.mbpoll import refuse_habits
 from gateway.cli.units.unit import DaemonUnit, Unit
 from gateway.cli.units.words import Command
 
@@ -28,6 +29,7 @@ def run_on_unit(verb: Verb, args: argparse.Namespace, act: Act) -> int:
 
 
 def _run(verb: Verb, args: argparse.Namespace, act: Act) -> int:
+    refuse_habits(verb, args)
     if not args.words:
         raise WrongUsageError("which unit? It is missing", f"modbus-gateway {verb} UNIT; status lists the units")
     wanted, *words = args.words

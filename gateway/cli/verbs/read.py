@@ -11,6 +11,7 @@ from typing import Final
 from gateway.cli.kit.paint import red
 from gateway.cli.kit.usage import count, let_options_stand_anywhere, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.units.mbpoll import add_habits
 from gateway.cli.units.on_unit import run_on_unit
 from gateway.cli.units.reading import read_points
 from gateway.cli.units.unit import NoResponseError, Unit, add_unit_arguments
@@ -57,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-i", "--interval", type=duration, metavar="EVERY", help="read again and again, such as -i 1s")
     add("-n", "--count", type=count, metavar="COUNT", help="how many times (default: until Ctrl-C)")
     add_unit_arguments(parser)
+    add_habits(parser)
     let_options_stand_anywhere(parser)
 
 

@@ -11,10 +11,10 @@ from typing import Any
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
-from gateway.cli.kit.watching import WATCH_HELP, repeat, watch
+from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
 from gateway.cli.show.fleet import sites_as_text
-from gateway.cli.show.status import show_status
+from gateway.cli.show.status import show_status, status_screen
 from gateway.operator.answers.status import Sites, Status
 from gateway.operator.operation import Nothing
 from gateway.operator.operations import FLEET, STATUS
@@ -46,9 +46,9 @@ def run(args: argparse.Namespace) -> int:
     elif args.json:
         repeat(lambda: json.dumps(_ask_for_json(args), indent=None if args.watch else 2), is_watched=args.watch)
     elif args.watch:
-        watch(lambda: _ask(args), partial(_text, args))
+        watch(lambda: _ask(args), partial(_screen, args))
     else:
-        print(_text(args, _ask(args), shutil.get_terminal_size().columns))
+        print(_text(args, _ask(args)))
     return FINE
 
 
@@ -68,8 +68,20 @@ def _csv(args: argparse.Namespace) -> str:
     return sites_as_csv(told.sites).rstrip("\n") if isinstance(told, Sites) else ""
 
 
-def _text(args: argparse.Namespace, told: Status | Sites, columns: int) -> str:
-    """Show it so many columns wide; names are whole where nobody sees the edge of the terminal."""
+def _sites(args: argparse.Namespace, told: Sites, width: int) -> str:
+    return sites_as_text(told, today(time.time()), width, shows_all=args.all)
+
+
+def _text(args: argparse.Namespace, told: Status | Sites) -> str:
+    """Show it below what was printed before; names are whole where nobody sees the edge of the terminal."""
+    columns = shutil.get_terminal_size().columns
     if isinstance(told, Sites):
-        return sites_as_text(told, today(time.time()), columns, shows_all=args.all)
+        return _sites(args, told, columns)
     return show_status(told, columns, is_cut=sys.stdout.isatty() or "COLUMNS" in os.environ)
+
+
+def _screen(args: argparse.Namespace, told: Status | Sites, width: int, part: str) -> Screen:
+    """Make the screen of `-w`."""
+    if isinstance(told, Sites):
+        return Screen(_sites(args, told, width).splitlines())
+    return status_screen(told, width, part)

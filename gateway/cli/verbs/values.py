@@ -4,10 +4,11 @@ import argparse
 import json
 import shutil
 import sys
+from dataclasses import replace
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.usage import let_options_stand_anywhere
-from gateway.cli.kit.watching import WATCH_HELP, repeat, watch
+from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
 from gateway.cli.show.known_values import values_as_text
 from gateway.operator.answers.known_values import KnownValues
@@ -36,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json or args.csv:
         repeat(lambda: _for_programs(args), is_watched=args.watch)
     elif args.watch:
-        watch(lambda: _ask(args), values_as_text)
+        watch(lambda: _ask(args), _screen)
     else:
         # Where nobody sees a screen, names are not shortened: grep finds them.
         columns = shutil.get_terminal_size((0, 0)).columns or sys.maxsize
@@ -60,3 +61,10 @@ def _for_programs(args: argparse.Namespace) -> str:
         answer = daemon.ask_for_json(VALUES, _wanted(args))
         told = {name: answer[name] for name in ("values", "hint")}
         return json.dumps(told, indent=None if args.watch else 2, ensure_ascii=False)
+
+
+def _screen(known: KnownValues, width: int, device: str) -> Screen:
+    """Make the screen of `-w`, of all devices or of one."""
+    devices = list(dict.fromkeys(each.name for each in known.values))
+    shown = [each for each in known.values if device in ("", each.name)]
+    return Screen(values_as_text(replace(known, values=shown), width).splitlines(), parts=devices)

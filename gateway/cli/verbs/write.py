@@ -8,6 +8,7 @@ from typing import Any, Final
 from gateway.cli.kit.daemon import NOT_UNDERSTOOD, tell_which
 from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import FINE, PROBLEM_FOUND
+from gateway.cli.units.mbpoll import add_habits
 from gateway.cli.units.on_unit import run_on_unit
 from gateway.cli.units.unit import Unit, add_unit_arguments
 from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, frames_as_text, picture, table
@@ -53,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--show", action="store_true", help="read before and after, and show the old value too")
     parser.add_argument("--multiple", action="store_true", help="write one value with function 15 or 16 too")
     add_unit_arguments(parser)
+    add_habits(parser)
     let_options_stand_anywhere(parser)
 
 

@@ -9,7 +9,7 @@ import pytest
 from gateway.cli.kit.cells import width_of
 from gateway.cli.kit.paint import plain
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
-from gateway.cli.show.status import show_status
+from gateway.cli.show.status import show_status, status_screen
 from gateway.lines.counts import Counts
 from gateway.operator.answers.status import (
     ClientStatus,
@@ -396,11 +396,25 @@ def test_what_is_told_of_a_trouble_is_no_note_besides() -> None:
     assert "Notes" not in text
 
 
+def test_one_line_has_its_units_and_what_shows_their_values() -> None:
+    other = replace(UNIT, line="hall-b", name="mixer", unit=43)
+    whole = replace(BAD, units=(*BAD.units, other), mirrors=(*BAD.mirrors,))
+    screen = status_screen(whole, 80, "hall-b")
+    text = plain("\n".join(screen.lines))
+    assert screen.parts == ["hall-a", "hall-b"]
+    assert "mixer" in text
+    assert "silo" not in text
+    assert "scada" not in text
+    assert "silo" in plain("\n".join(status_screen(whole, 80, "hall-a").lines))
+    assert plain(screen.wrong[2]) == "  hall-b: down: /dev/ttyUSB1 does not exist"
+    assert status_screen(whole, 80, "gone") == status_screen(whole, 80)
+
+
 @pytest.mark.parametrize("width", [40, 60, 80])
 def test_no_line_of_what_is_wrong_is_longer_than_the_screen(width: int) -> None:
     path = Trouble("down", "", "broker " + 90 * "x", reason="a reason " + 30 * "\u5bbd")
-    wrong = show_status(replace(BAD, troubles=(*TROUBLES, path)), width).partition("\n\n")[0]
-    assert max(map(width_of, wrong.splitlines())) <= width
+    for line in status_screen(replace(BAD, troubles=(*TROUBLES, path)), width).wrong:
+        assert width_of(line) <= width
 
 
 def test_states_have_colours(monkeypatch, capsys) -> None:

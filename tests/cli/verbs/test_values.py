@@ -11,7 +11,7 @@ import pytest
 
 from gateway.cli.kit.paint import red
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
-from gateway.cli.show.known_values import values_as_text
+from gateway.cli.verbs.values import _screen
 from gateway.errors import DaemonError
 from gateway.operator.answers.known_values import KnownValues
 from kit.asking import ControlSocket, ask
@@ -147,11 +147,15 @@ async def test_a_narrow_terminal_shortens_names_and_no_value(capsys, monkeypatch
     assert "4999.66" in printed
 
 
-async def test_what_is_not_fresh_has_a_colour(bench) -> None:
+async def test_on_a_screen_one_device_can_be_chosen_and_what_is_not_fresh_has_a_colour(bench) -> None:
     await heard(bench)
     answer = await ask(bench.running, "values")
-    shown = values_as_text(KnownValues(answer["values"], answer["hint"]), 80).splitlines()
-    assert [red("invalid") in line for line in shown] == [False, False, False, True]
+    known = KnownValues(answer["values"], answer["hint"])
+    screen = _screen(known, 80, "")
+    assert screen.parts == ["silo 1"]
+    assert [red("invalid") in line for line in screen.lines] == [False, False, False, True]
+    assert _screen(known, 80, "silo 1").lines == screen.lines
+    assert "silo 1" not in "".join(_screen(known, 80, "other").lines)
 
 
 async def test_w_shows_them_again_and_again(control, monkeypatch, capsys) -> None:
