@@ -6,5 +6,6 @@
 - show      what commands print
 - units     units as commands read and write them
 - profiles  what `profile` prints and adds
+- doctor    what `doctor` looks at without a gateway
 - demo      what `demo` runs and prints
 """

@@ -16,14 +16,13 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Final
 
-from gateway import request
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
 from gateway.config.machine.profile_folders import file_of, folders_of, names_in
 from gateway.config.problem import Problem
 from gateway.config.reading.masking import masked
 from gateway.hardware.listing import describe_adapter, list_serial_ports
 from gateway.operator.answers.support import Document
-from gateway.version import __version__
+from gateway.tools.hardware_report import about_machine
 
 #: The most own profiles, entries of the state directory, and lines of the log.
 MOST_PROFILES: Final = 100
@@ -67,17 +66,7 @@ def _made(name: str, make: Callable[[], str]) -> Document:
 
 def _versions() -> str:
     libraries = sorted({f"{each.name} {each.version}" for each in distributions()}, key=str.lower)
-    is_compiled = not (request.__file__ or "").endswith(".py")
-    system = "unknown"
-    with suppress(OSError):
-        system = platform.freedesktop_os_release().get("PRETTY_NAME", system)
-    rows = [
-        f"gateway: {__version__}, {'compiled' if is_compiled else 'not compiled: takes twice the processor time'}",
-        f"Python: {platform.python_version()}",
-        f"kernel: {platform.release()} {platform.machine()}",
-        f"system: {system}",
-    ]
-    return "\n".join([*rows, "", *libraries]) + "\n"
+    return "".join(f"{row.what}: {row.seen}\n" for row in about_machine()) + "\n" + "\n".join(libraries) + "\n"
 
 
 def _machine(state: Path) -> str:

@@ -117,10 +117,20 @@ def check_answers(what, request=READ, answer=ANSWERS[READ]):
     check(what, f"after {seconds:.1f} s, before that {seen or 'nothing else'}", holds=all(map(is_refusal, others)))
 
 
-def check_listing(*expected):
-    seen = subprocess.run(["modbus-gateway", "ports", "--json"], stdout=subprocess.PIPE, text=True, check=False).stdout
-    for text in expected:
-        check(f"the list of ports has {text}", text in seen or seen, holds=text in seen)
+def report_of(port):
+    """What `doctor --hardware-report` prints."""
+    words = ["doctor", "--hardware-report", port, "--unit", "5", "--json"]
+    done = subprocess.run(
+        ["modbus-gateway", *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, check=False
+    )
+    return done.stdout
+
+
+def check_report(port, *expected):
+    seen = report_of(port)
+    for text in (*expected, "20 answered"):
+        check(f"the report of the adapter has {text}", text in seen or seen, holds=text in seen)
+    check("the report has no serial number", "SECRET7" not in seen, holds="SECRET7" not in seen)
 
 
 def link(serial="SECRET7"):
@@ -158,7 +168,7 @@ def check_replugging(what, plug, unplug):
 
 def ftdi():
     port = check_replugging("FTDI", lambda: wish("plug"), lambda: wish("unplug"))
-    check_listing(port, "ftdi_sio")
+    check_report(port, "0403:6001", "ftdi_sio", "serial/by-id")
     timer = Path(f"/sys/class/tty/{node()}/device/latency_timer").read_text().strip()
     check("FTDI: its latency timer, by our udev rule", timer, holds=timer == "1")
     wish("unplug")
@@ -212,7 +222,7 @@ def cdc_acm():
         threading.Thread(target=be_device, args=("/dev/ttyGS0",), daemon=True).start()
 
     port = check_replugging("CDC-ACM", plug, lambda: (GADGET / "UDC").write_text("\n"))
-    check_listing(port, "cdc_acm")
+    check_report(port, "1d6b:0104", "cdc_acm")
 
 
 def be_device(node):
@@ -257,6 +267,7 @@ def package(port, rs485):
     with gateway({5: port}, rs485):
         check_answers("the unit answers")
         check("a write", ask(WRITE).hex(), holds=ask(WRITE) == ANSWERS[WRITE])
+    check_report(port, "counts wrong characters", '"8O1"')
 
 
 def main(kind, *words):

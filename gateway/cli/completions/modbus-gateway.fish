@@ -51,7 +51,7 @@ function _shtab_modbus_gateway_using
 end
 
 set -g _shtab_modbus_gateway_commands demo run check reload status values trace events doctor support read write ask forget scan calibrate bench profile map ports simulate import completion fleet 'fleet hub' user 'user add' 'user remove' 'user password' 'user list' certificates 'certificates authority' 'certificates server' 'certificates client' 'certificates revoke' 'certificates list'
-set -g _shtab_modbus_gateway_opts_with_value --at --baud --client --color --config --control --count --days --fault --file --folder --for --format --interval --items --line --mode --moving-unit --name --noise --pcapng --port --profile --renew --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
+set -g _shtab_modbus_gateway_opts_with_value --at --baud --client --color --config --control --count --days --fault --file --folder --for --format --hardware-report --interval --items --line --mode --moving-unit --name --noise --pcapng --port --profile --renew --role --seed --set --silent-unit --since --slow --swap --tcp --timeout --to --unit --weight --why --write --write-profile -i -n
 
 complete -c modbus-gateway -e
 complete -c modbus-gateway -f
@@ -126,6 +126,10 @@ complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l passive -d
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l json -d 'print JSON instead of a table'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l control -xka "(__fish_complete_path (commandline -ct))" -d 'control socket of the gateway that is meant (default: $MODBUS_GATEWAY_CONTROL, else /run/modbus-gateway/control.sock; without root $XDG_RUNTIME_DIR/modbus-gateway/control.sock)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l config -xka "(__fish_complete_path (commandline -ct))" -d 'config of the gateway that is meant, which says where its control socket is'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l hardware-report -xka "(__fish_complete_path (commandline -ct))" -d 'test the adapter of this serial port, and print a report'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l unit -x -d 'read this unit for it (default: nothing is sent)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l baud -x -d 'the rate of the unit (default 19200)'
+complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l format -x -d 'its format (default 8E1)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using doctor' -l color -xka "auto always never" -d 'when to use colour (default auto: on a terminal, unless NO_COLOR is set)'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using; and test $_shtab_modbus_gateway_npos -eq 0' -a support -d 'Write a diagnostics bundle, for who helps you.'
 complete -c modbus-gateway -n '_shtab_modbus_gateway_using support' -s h -l help -d 'show this help message and exit'

@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
+from gateway.cli.doctor.report_arguments import add_report_arguments
 from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.paint import red, yellow
 from gateway.cli.kit.progress import working
@@ -34,6 +35,8 @@ examples:
   modbus-gateway doctor --config gateway.toml
                                          the gateway with this config; if it does not run,
                                          what can be seen without it
+  modbus-gateway doctor --hardware-report /dev/ttyUSB0 --unit 1 --baud 9600
+                                         what an adapter does, for a report
 
 Each row is ok, note or fix; below a fix is the remedy, and the exit
 status is 1 then. Without --passive the running gateway may send reads of one
@@ -53,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--passive", action="store_true", help="send nothing: use what the gateway has measured")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     add_control_argument(parser)
+    add_report_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -60,7 +64,12 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         DaemonError: the gateway refuses the question, or there is no such line.
+        ReportError: the port to report on cannot be opened.
     """
+    if args.hardware_report:
+        from gateway.cli.doctor.hardware_report import make_report  # noqa: PLC0415 - opens a port in an event loop
+
+        return make_report(args)
     findings = _findings(args)
     if args.json:
         print(json.dumps({"findings": [asdict(finding) for finding in findings]}, indent=2, ensure_ascii=False))
@@ -102,7 +111,7 @@ def _in_config(args: argparse.Namespace) -> list[Finding]:
     """Look at the config whose gateway does not answer: the one that is named, or that of the service, if any."""
     if not args.config and not Path(DEFAULT_CONFIG).exists():
         return []
-    from gateway.tools.config_file import look_at_config  # noqa: PLC0415 - only here a config is read
+    from gateway.cli.doctor.config import look_at_config  # noqa: PLC0415 - only here a config is read
 
     return look_at_config(Path(args.config or DEFAULT_CONFIG), args.line)
 

@@ -1,0 +1,5 @@
+"""What `doctor` looks at without a gateway.
+
+- config                             a config file, and the ports that it names
+- hardware_report, report_arguments    an adapter, and what a person does with it by hand
+"""
