@@ -7,7 +7,6 @@ has neither secrets nor addresses of clients.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import date
-from math import isfinite
 from typing import Any, Final, TypeVar
 
 from gateway.clock.times import rfc_3339
@@ -19,6 +18,10 @@ MOST_ADAPTERS: Final = 32
 MOST_CERTIFICATES: Final = 8
 MOST_FINDINGS: Final = 3
 LONGEST_TEXT: Final = 160
+#: The largest number that a site may tell, and the longest time in seconds: others could not be shown or exported.
+_MOST: Final = 1_000_000
+_LONGEST: Final = 1e10
+_LONGEST_CONFIG: Final = 12
 
 T = TypeVar("T")
 
@@ -106,17 +109,31 @@ def inventory_in(told: Any, at: float) -> SiteInventory | None:
         return None
     try:
         return SiteInventory(
-            config=text_of(str(told["config"])),
+            config=text_of(str(told["config"]), _LONGEST_CONFIG),
             applied=_since(told["config_s"], at),
             adapters=_rows(SiteAdapter, told["adapters"], 4, MOST_ADAPTERS),
             certificates=tuple(map(_valid, _rows(SiteCertificate, told["certificates"], 3, MOST_CERTIFICATES))),
-            to_fix=int(told["to_fix"]),
-            notes=int(told["notes"]),
+            to_fix=count_in(told["to_fix"]),
+            notes=count_in(told["notes"]),
             worst=_rows(SiteFinding, told["worst"], 2, MOST_FINDINGS),
             examined=_since(told["examined_s"], at),
         )
     except (ValueError, TypeError, LookupError, OverflowError):
         return None
+
+
+def count_in(told: Any) -> int:
+    """Decode a number; raises ValueError, TypeError or OverflowError if it cannot be one of a site."""
+    if not 0 <= (count := int(told)) <= _MOST:
+        raise ValueError
+    return count
+
+
+def age_in(told: Any) -> float:
+    """Decode a time in seconds; raises ValueError, TypeError or OverflowError if it cannot be one of a site."""
+    if not 0 <= (seconds := float(told)) <= _LONGEST:
+        raise ValueError
+    return seconds
 
 
 def _rows(kind: Callable[..., T], told: Any, count: int, most: int) -> tuple[T, ...]:
@@ -135,6 +152,4 @@ def _valid(certificate: SiteCertificate) -> SiteCertificate:
 
 def _since(seconds: Any, at: float) -> str:
     """Find the time of an age; raises ValueError, TypeError or OverflowError if there is none."""
-    if not isfinite(age := float(seconds)):
-        raise ValueError
-    return rfc_3339(at - age, "seconds")
+    return rfc_3339(at - age_in(seconds), "seconds")

@@ -5,14 +5,13 @@ import json
 import re
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
-from math import isfinite
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from gateway.clock.times import rfc_3339
 from gateway.errors import FleetError
 from gateway.events import Emit, PartFailed
 from gateway.fleet.headers import text_of
-from gateway.fleet.inventory import MOST_NAMES, inventory_in
+from gateway.fleet.inventory import MOST_NAMES, age_in, count_in, inventory_in
 from gateway.fleet.messages import Entry
 from gateway.fleet.status import SiteStatus
 from gateway.fleet.subjects import STATUS
@@ -114,7 +113,7 @@ def status_of(entry: Entry, now: float) -> SiteStatus | None:
         state: Literal["up", "left", "lost"] = "left" if told["state"] == "left" else "up"
         if state == "up" and age > LOST_AFTER:
             state = "lost"
-        up = _seconds(told["up_s"])
+        up = age_in(told["up_s"])
         return SiteStatus(
             site=text_of(entry.key),
             state=state,
@@ -122,9 +121,9 @@ def status_of(entry: Entry, now: float) -> SiteStatus | None:
             started=rfc_3339(created - up, "seconds"),
             host=text_of(str(told["host"])),
             version=text_of(str(told["version"])),
-            lines=int(told["lines"]),
+            lines=count_in(told["lines"]),
             lines_down=tuple(text_of(str(each)) for each in told["lines_down"][:MOST_NAMES]),
-            units=int(told["units"]),
+            units=count_in(told["units"]),
             inventory=inventory_in(told.get("inventory"), created),
         )
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
@@ -133,12 +132,4 @@ def status_of(entry: Entry, now: float) -> SiteStatus | None:
 
 def _counting(name: str) -> list[str | int]:
     """Make the key by which plant-2 comes before plant-10."""
-    return [int(part) if part.isdecimal() else part for part in _NUMBER.split(name)]
-
-
-def _seconds(told: Any) -> float:
-    """Convert to seconds; raises ValueError or TypeError if it is no time."""
-    seconds = float(told)
-    if not isfinite(seconds):
-        raise ValueError
-    return seconds
+    return [int(part) if at % 2 else part for at, part in enumerate(_NUMBER.split(name))]

@@ -66,6 +66,9 @@ def test_the_entry_of_the_largest_site_fits_into_the_bucket():
         {"examined_s": -1e300},
         {"to_fix": "9" * 5000},
         {"to_fix": None},
+        {"to_fix": 10**400},  # more than a metric can be
+        {"notes": -1},
+        {"config_s": 1e17},  # a year that the system cannot write: not a ValueError
         {"adapters": [["hall", "/dev/ttyS0"]]},
         {"adapters": 7},
         {"certificates": [["scada", "certificate", "tomorrow"]]},
@@ -86,5 +89,5 @@ def test_an_old_version_tells_no_inventory(nothing):
 
 
 def test_what_it_says_can_be_shown_in_a_terminal():
-    shown = inventory_in(told(config="a\x1b[2J", worst=[["\x07unit", "\u202edoes not"]]), STORED)
-    assert (shown.config, shown.worst[0]) == ("a[2J", SiteFinding("unit", "does not"))
+    shown = inventory_in(told(config="a\x1b[2J" + "b" * 99, worst=[["\x07unit", "\u202edoes not"]]), STORED)
+    assert (shown.config, shown.worst[0]) == ("a[2Jbbbbbbb", SiteFinding("unit", "does not"))

@@ -86,6 +86,10 @@ def told(**changed: object) -> bytes:
         told(lines=[]),
         told(lines="9" * 5000),
         told(lines_down=5),
+        told(up_s=1e17),  # a year that the system cannot write: not a ValueError
+        told(up_s=-1e17),
+        told(lines=-1),
+        told(units=10**400),
     ],
 )
 def test_an_entry_that_no_site_would_write_is_left_out(value):
