@@ -431,6 +431,11 @@ def test_a_connection_has_a_bound_of_subscriptions(tmp_path):
         assert any(b"maximum subscriptions exceeded" in line for line in iter(lines.readline, b"PONG\r\n"))
 
 
+def test_a_connection_that_does_not_read_takes_little_memory(tmp_path):
+    with NatsServer(tmp_path, config=(write_hub(tmp_path).folder / "hub.conf").read_text()) as hub:
+        assert hub.told("varz")["max_pending"] == 8 * 1024 * 1024
+
+
 async def test_a_site_does_not_take_the_connections_of_others(fleet, tmp_path):
     async with AsyncExitStack() as stack:
         for _ in range(19):

@@ -11,7 +11,7 @@ from gateway.fleet.hub.folder import CONFIG, CREDENTIALS, LEAF_CONFIG, Written
 _MOST_NAMES: Final = 5
 
 _AT_HUB: Final = """
-At the machine of the hub:
+At the machine of the hub, with nats-server 2.9.15 or newer, as any site can end an older one:
   sudo install -o nats -g nats -m 600 {config} /etc/nats-server.conf
   sudo nats-server -t -c /etc/nats-server.conf
   {load}"""

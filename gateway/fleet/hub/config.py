@@ -45,6 +45,7 @@ max_payload: 64KB    # the longest Modbus message has 253 bytes, a status some K
 max_connections: 12000
 max_subscriptions: {subscriptions}
 write_deadline: "5s"
+max_pending: 8MB     # of each connection that does not read; by 64MB one site with all of its own could take 1.1 GB
 {leafnodes}"""
 
 
