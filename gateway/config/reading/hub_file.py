@@ -13,6 +13,8 @@ from gateway.config.reading.syntax import syntax_problem
 from gateway.config.reading.wording import value_problems
 from gateway.config.schema.hub import Hub
 
+#: The name of the server and its JetStream: a leaf node, which has those of its site, cannot have the same.
+DOMAIN: Final = "hub"
 _NEEDS: Final = (("certificate", "key"), ("key", "certificate"), ("ca", "certificate"))
 
 
@@ -55,6 +57,10 @@ def _check(hub: Hub) -> Iterator[Problem]:
         if site in hub.control:
             what = f"{site} makes the buckets at the hub, so it cannot have a leaf node"
             yield error(("leaf_nodes", index), what, "let its gateways connect to the hub")
+        if site == DOMAIN:
+            yield error(
+                ("leaf_nodes", index), f"{site} is the name of the server itself", "give this site another name"
+            )
     if hub.leaf_nodes and hub.address is None:
         yield error(("leaf_nodes",), "leaf nodes need the address of the hub", 'add address = "hub.plant.example"')
     for one, other in _NEEDS:

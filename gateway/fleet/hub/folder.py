@@ -2,6 +2,7 @@
 
 import os
 import secrets
+import stat
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -45,6 +46,7 @@ def write_folder(file: Path, hub: Hub, renew: str | None = None) -> Written:
     """
     folder = file.parent / FOLDER
     folder.mkdir(mode=0o700, exist_ok=True)
+    _check_owner(folder)
     earlier = _earlier(folder / CONFIG)
     if renew is not None and _credentials(folder, renew).exists():
         raise FleetError(f"{_credentials(folder, renew)} exists: remove it first, or move it away")
@@ -64,6 +66,13 @@ def write_folder(file: Path, hub: Hub, renew: str | None = None) -> Written:
         removed=tuple(sorted(set(earlier) - set(made))),
         useless=_useless(folder, hub),
     )
+
+
+def _check_owner(folder: Path) -> None:
+    """Refuse a folder in which others can put keys of their own in place of those of sites."""
+    found = folder.stat()
+    if found.st_uid not in (0, os.geteuid()) or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise FleetError(f"others can change files in {folder}: it must be yours, and only you may write there")
 
 
 def _credentials(folder: Path, site: str) -> Path:

@@ -112,6 +112,15 @@ def test_a_leaf_node_keeps_its_password_and_has_a_config(tmp_path: Path) -> None
     assert f"nats-leaf://east:{password}@hub.example:7422" in first
 
 
+def test_a_folder_in_which_others_can_put_keys_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "hub"
+    folder.mkdir()
+    folder.chmod(0o777)
+    assert run(tmp_path / "fleet.toml", SITES) != 0
+    assert "others can change files" in capsys.readouterr().err
+    assert not [*folder.iterdir()]
+
+
 def test_it_says_what_to_do_next(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     capsys.readouterr()
     more = 'address = "hub.example"\ncertificate = "/c"\nkey = "/k"\nca = "/etc/ca.crt"\n'

@@ -41,6 +41,10 @@ def test_two_keys_are_enough():
         (f'{SITES}leases = ["west.hall"]', '3:11: error: leases[0]: there is no site "west"'),
         (f'{SITES}leases = ["east.a", "east.a"]', "3:21: error: leases[1]: east.a is there twice"),
         (f'{SITES}leaf_nodes = ["east"]', "3:14: error: leaf_nodes: leaf nodes need the address of the hub"),
+        (
+            'control = "control"\nsites = ["hub"]\naddress = "10.0.0.1"\nleaf_nodes = ["hub"]',
+            "4:15: error: leaf_nodes[0]: hub is the name of the server itself",
+        ),
         (f'{SITES}address = "hub"\nleaf_nodes = ["control"]', "4:15: error: leaf_nodes[0]: control makes the buckets"),
         (f'{SITES}address = "tls://hub"', "3:11: error: address: has a protocol"),
         (f'{SITES}address = "hub:0"', "3:11: error: address: port 0"),
