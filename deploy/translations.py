@@ -10,6 +10,7 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import chdir
+from gettext import c2py
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -60,13 +61,18 @@ def all_catalogues(folder: Path = CATALOGUES) -> Iterator[tuple[str, Catalog]]:
 
 
 def script(catalogue: Catalog) -> str:
-    """Make the module with the texts of scripts, by their English, and which of its plurals a count takes."""
+    """Make the module with the texts of scripts, by their English, and which of its plurals a count takes.
+
+    Raises:
+        ValueError: what the catalogue says of plurals is no expression of gettext.
+    """
     texts: dict[str, Any] = {}
     for message in catalogue:
         if message.string and all(message.string) and any(place.endswith(".js") for place, _ in message.locations):
             english = message.id[0] if message.pluralizable else message.id
             texts[f"{message.context}\x04{english}" if message.context else english] = message.string
     table = json.dumps(texts, ensure_ascii=False, indent=0)
+    c2py(catalogue.plural_expr)  # what a translator has written there becomes code
     return f"export const plural = (n) => Number({catalogue.plural_expr});\nexport const texts = {table};\n"
 
 

@@ -14,6 +14,7 @@ from jinja2 import Environment
 import gateway
 from deploy.gateway_words import ENGLISH, OF_RIGHTS, words
 from deploy.translations import CATALOGUES, SCRIPTS, all_catalogues, update
+from deploy.translations import script as script_of
 from gateway.web.pages.renderer import FOLDER as TEMPLATES
 from gateway.web.text.languages import LANGUAGES
 
@@ -21,6 +22,7 @@ PAGES = sorted(TEMPLATES.glob("*.html"))
 #: What stands on a page in every language.
 NAMES = {"modbus-gateway", "API", "s"}
 PLACEHOLDER = re.compile(r"%\(\w+\)s")
+HTML = re.compile(r"<[^>]*>?|&\w*;?|>")
 #: A call in a script that translates: of a constant, or not.
 CALL = re.compile(r'(?<![\w.$])(?:_|ngettext|pgettext)\((?:"((?:[^"\\]|\\.)*)")?')
 
@@ -51,6 +53,21 @@ def test_a_translation_has_the_placeholders_of_its_text(messages):
         for text in forms(message.string):
             assert set(PLACEHOLDER.findall(text)) == wanted, message.id
             assert "%" not in PLACEHOLDER.sub("", text).replace("%%", ""), message.id
+
+
+def test_a_translation_brings_no_html_of_its_own(messages):
+    """A page takes it as it is."""
+    for message in messages:
+        wanted = sorted(HTML.findall(forms(message.id)[-1]))
+        assert all(sorted(HTML.findall(text)) == wanted for text in forms(message.string)), message.id
+
+
+def test_what_a_catalogue_says_of_plurals_is_no_other_code():
+    """It becomes a function of a script."""
+    _, catalogue = next(all_catalogues())
+    catalogue._plural_expr = "alert(n)"
+    with pytest.raises(ValueError, match="plural"):
+        script_of(catalogue)
 
 
 def test_catalogues_are_those_of_the_pages(tmp_path):
