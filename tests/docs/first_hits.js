@@ -26,6 +26,14 @@ const SOUGHT = {
   simulate: "tools#try-it-without-a-device",
   "user password": "web#access-from-other-machines",
   "mqtt outage": "plant#while-the-broker-is-away",
+  "cable length": "wiring#how-long-how-many",
+  "write not allowed": "clients-and-rights#access-rights",
+  "duplicate address": "lines-and-devices#rs-485-notes",
+  "add a new meter": "tutorials/describe-a-device",
+  "0x0B": "troubleshooting#exceptions-from-the-gateway",
+  license: "faq",
+  超时: "zh/symptoms",
+  波特率: "zh/bridge",
 };
 
 /** The search that Sphinx has put into the site, with an index and without a page. */
