@@ -3,9 +3,12 @@
 import os
 import stat
 from pathlib import Path
+from typing import Final
 
-from gateway.hardware.device_files import VIRTUAL_MAJORS, advise_on_permission
+from gateway.hardware.device_files import VIRTUAL_MAJORS, advise_on_permission, find_group
 from gateway.ports.port import PortSettings, SerialSettings, Wire, resolve_wire
+
+_OF_GROUP: Final = stat.S_IRGRP | stat.S_IWGRP
 
 
 def port_trouble(path: str) -> str | None:
@@ -19,8 +22,14 @@ def port_trouble(path: str) -> str | None:
     if not stat.S_ISCHR(mode):
         return "is not a serial port"
     if not os.access(path, os.R_OK | os.W_OK):
-        return f"this user may not open it: {advise_on_permission(path)}"
+        return _why_not_permitted(path, mode)
     return None
+
+
+def _why_not_permitted(path: str, mode: int) -> str:
+    if find_group(path) == "dialout" and mode & _OF_GROUP == _OF_GROUP:  # as of the service, whose config this may be
+        return "this user may not open it, the service may: it is in the group dialout"
+    return f"this user may not open it: {advise_on_permission(path)}"
 
 
 def predict_wire(wire: Wire, port: PortSettings) -> Wire:

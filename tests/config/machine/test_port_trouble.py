@@ -1,6 +1,8 @@
 """What can be seen of a port without opening it."""
 
 import os
+import stat
+from pathlib import Path
 
 import pytest
 
@@ -27,3 +29,10 @@ def test_a_path_that_the_system_refuses():
 def test_a_port_that_this_user_may_not_open(monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: not mode & os.W_OK)
     assert str(port_trouble("/dev/null")).startswith("this user may not open it: ")
+
+
+def test_a_port_of_the_group_of_the_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.setattr("gateway.config.machine.port_trouble.find_group", lambda port: "dialout")
+    monkeypatch.setattr(Path, "stat", lambda path: os.stat_result((stat.S_IFCHR | 0o660, *[0] * 9)))
+    assert port_trouble("/dev/ttyUSB0") == "this user may not open it, the service may: it is in the group dialout"
