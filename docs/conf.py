@@ -63,17 +63,13 @@ class EntersSoughtWords(SphinxTransform):
         """Enter the words of this page and of its sections."""
         page = self.env.current_document.docname
         sections = list(self.document.findall(nodes.section))
-        by_place = {page: sections[0]} | {f"{page}#{_slug(each)}": each for each in reversed(sections)}
+        by_place = {page: sections[0]} | {f"{page}#{each['slug']}": each for each in sections if "slug" in each}
         self.env.note_dependency(_SOUGHT_FILE)
         for place, words in _SOUGHT.items():
             if place.partition("#")[0] == page:
                 section = by_place[place]  # a KeyError names what search.toml has and the page has no more
                 entries = [("single", word, section["ids"][0], "main", None) for word in words]
                 section.insert(1, addnodes.index(entries=entries))
-
-
-def _slug(section: nodes.section) -> str:
-    return re.sub(r"[^\w\- ]", "", section[0].astext().lower()).replace(" ", "-")
 
 
 def write_pages_with_entries(app: Sphinx, env: BuildEnvironment) -> list[str]:  # noqa: ARG001 - Sphinx passes it

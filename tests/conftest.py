@@ -31,7 +31,7 @@ _LONGEST = (
     *("test_scan", "test_doctor", "test_history", "test_tls", "test_demo", "test_kiosk"),
     *("test_flood", "test_logins_in_browser", "test_overview_page", "test_tcp", "test_writing_page", "test_strip"),
     *("test_moving_listeners", "test_read_write", "test_plant_forms", "test_run", "test_control", "test_store"),
-    *("test_device_server", "test_trace", "test_release_checks", "test_go", "test_mqtt", "test_bench", "test_wheel"),
+    *("test_device_server", "test_trace", "test_go", "test_mqtt", "test_bench", "test_wheel"),
 )
 #: Files whose tests share nothing, and wait long: with `--dist loadfile` each of these tests goes to the next worker.
 _APART = frozenset({"test_tutorials", "test_fleet", "test_doctor", "test_scan"})

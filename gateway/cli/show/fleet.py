@@ -29,6 +29,8 @@ def sites_as_text(told: Sites, day: date, width: int, *, shows_all: bool) -> str
     table = _table(day).show(Sites(sites), width)
     fine = len(told.sites) - len(sites)
     rest = f"{fine} sites are fine; --all lists them, too" if fine else ""
+    if fine == 1:
+        rest = "1 site is fine; --all lists it, too"
     return "\n".join([*filter(None, (table, rest and f"  {rest}")), "", *_summary(told, day)])
 
 

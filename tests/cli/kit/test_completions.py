@@ -47,7 +47,7 @@ def completed(shell: str, typed: str, folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.name)
 def test_the_files_are_current(file):
-    assert file.read_text(encoding="utf-8") == FILES[file], "run: .venv/bin/python -m deploy.completions"
+    assert file.read_text(encoding="utf-8") == FILES[file], "not current: uvx nox -s gen"
 
 
 @pytest.mark.parametrize("shell", SCRIPTS)

@@ -41,6 +41,8 @@ def test_many_sites_that_are_all_fine_need_no_table():
     told = shown(*(site(f"plant-{number}") for number in range(60)))
     assert told == ["  60 sites are fine; --all lists them, too", "", "60 sites: 60 up"]
     assert shown(site("a"))[-1] == "1 site: 1 up"
+    lost = [site(f"lost-{number}", state="lost") for number in range(60)]
+    assert "  1 site is fine; --all lists it, too" in shown(site("a"), *lost)
 
 
 def test_of_many_lines_that_are_down_the_first_are_named():
