@@ -20,6 +20,7 @@ if __name__ == "__main__":
 from kit.system_tree import make, system_tree
 
 PACKAGES: Final = {
+    "/usr/share/keyrings/debian-archive-keyring.gpg": "debian-archive-keyring",  # of the Debian that is booted
     "bash": "bash",
     "cc": "gcc",
     "chromium": "chromium-headless-shell",
@@ -50,6 +51,8 @@ _PATH: Final = f"{os.environ.get('PATH', os.defpath)}:/usr/sbin:/usr/local/sbin"
 
 def find(program: str) -> str | None:
     """Return the path of one of the programs in `PACKAGES`, or the name of a library; None where it is missing."""
+    if program.startswith("/"):
+        return program if Path(program).exists() else None
     if program == "Python.h":
         header = Path(sysconfig.get_path("include"), program)
         return str(header) if header.exists() else None
@@ -75,9 +78,14 @@ def install() -> None:
         print("installing what tests use (once):", *packages, flush=True)
         own = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
         subprocess.run([*apt, "update"], check=False)
-        command = [*apt, "install", "--yes", "--no-install-recommends", *packages]
-        if subprocess.run(command, env=own, stdout=subprocess.DEVNULL, check=False).returncode:
-            print("not installed, so some tests will be left out")
+        command = [*apt, "install", "--yes", "--no-install-recommends"]
+
+        def is_installed(*names: str) -> bool:
+            return not subprocess.run([*command, *names], env=own, stdout=subprocess.DEVNULL, check=False).returncode
+
+        # One that this system does not have, as Ubuntu the browser, would keep out all others.
+        if not is_installed(*packages) and (failed := [each for each in packages if not is_installed(each)]):
+            print("not installed, so some tests will be left out:", *failed)
     if not system_tree().exists():
         print("making the Debian that tests boot (once)", flush=True)
         try:
