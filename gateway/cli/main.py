@@ -6,7 +6,7 @@ Each verb is a module of this package with its name. It offers
     def run(args: argparse.Namespace) -> int                      the work; returns the exit code
 
 and is imported only when it is used, so that `--help` is quick. A verb of several words has underscores in its
-module's name. Errors for the user are raised as a GatewayError, whose text is complete.
+module's name. Errors for the user are raised as a GatewayError, whose text is complete, or as a WrongUsageError.
 """
 
 import argparse
@@ -23,6 +23,7 @@ from typing import Any, Final
 from gateway.cli.kit.examples import examples_text
 from gateway.cli.kit.paint import red
 from gateway.cli.kit.terminal import COLOURS, no_control_characters
+from gateway.cli.kit.usage import WrongUsageError
 from gateway.config.problem import did_you_mean
 from gateway.errors import GatewayError
 from gateway.version import __version__
@@ -111,6 +112,9 @@ def _run(args: argparse.Namespace) -> int:
         code: int = module_of(args.verb).run(args)
         if sys.stdout is not None:
             sys.stdout.flush()
+    except WrongUsageError as wrong:
+        print(f"{_ERROR} {wrong}" + (f"\n  help: {wrong.remedy}" if wrong.remedy else ""), file=sys.stderr)
+        return WRONG_USAGE
     except GatewayError as error:
         print("\n  note: ".join([f"{_ERROR} {error}", *getattr(error, "__notes__", ())]), file=sys.stderr)
         return PROBLEM_FOUND
@@ -172,13 +176,13 @@ def _parsers(
             verb,
             help=VERBS[verb],
             description=f"{VERBS[verb][0].upper()}{VERBS[verb][1:]}.",
-            epilog=examples_text(verb),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if verb in with_arguments:
             module_of(verb).add_arguments(verb_parser)
             if verb not in _WITHOUT_COLOUR:
                 verb_parser.add_argument("--color", choices=COLOURS, default="auto", help=_COLOUR_HELP)
+            verb_parser.epilog = "\n\n".join(filter(None, (examples_text(verb), verb_parser.epilog)))
     return parser, verbs.choices
 
 

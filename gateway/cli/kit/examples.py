@@ -29,28 +29,54 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     ),
     "read": (
         ("read silo-1", "all points of a device"),
+        ("read silo-1 weight -i 1s", "one point, every second"),
         ("read 46 holding 107-109", "registers 40108 to 40110 of unit 46: addresses count from 0"),
+        ("read 46 holding 10 int32 --swap words", "a number in two registers, the low word first"),
+        ("read 1 input 0-3 float32 --tcp 10.1.0.5", "ask any Modbus TCP server"),
         ("read 1 holding 0 float32 --port /dev/ttyUSB0 --baud 9600", "ask a device on a port without a gateway"),
     ),
     "write": (
         ("write press register-40136 926 --show", "write a point, and show the old value and the new one"),
         ("write 17 coils 172 on", "switch a coil"),
+        ("write silo-1 zero take", "write a point by one of its labels"),
+        ("write 46 holding 135 0x039E", "one register: function 06; several values: function 16"),
+        ("write 46 holding 10 -2.5 float32 --swap words", "a number in two registers, the low word first"),
+        ("write 1 holding 0 7 --tcp 10.1.0.5", "at any Modbus TCP server"),
     ),
     "ask": (
         ("ask", "all that a gateway can be asked, with the parameters"),
         ("ask why who=silo-1 count=3", "the answer as JSON, for a script"),
     ),
     "forget": (("forget silo-1", "it was replaced, or set back by hand: it is at the address in the config"),),
-    "scan": (("scan hall-a", "ask which units are on a line, in its idle time"),),
-    "trace": (("trace hall-a --since 5min", "the frames of the last five minutes"),),
+    "scan": (
+        ("scan hall-a", "ask which units are on a line, in its idle time"),
+        ("scan 1-10 --port /dev/ttyUSB0 --all-speeds", "without a gateway, at all usual rates"),
+    ),
+    "trace": (
+        ("trace hall-a --unit silo-1", "what passes, until Ctrl-C"),
+        ("trace hall-a --since 5min", "the frames of the last five minutes"),
+        ("trace --why 46", "why requests to unit 46 failed; or those of a client, or on a line"),
+        ("trace --since 1h --pcapng hall.pcapng", "a file for Wireshark"),
+    ),
     "events": (
         ("events --since 24h --worst", "the warnings and errors of a day; what each means: docs/troubleshooting.md"),
         ("events -f --line hall-a", "what happens on a line, with its units and those who ask them, until Ctrl-C"),
         ("events --unit silo-1 --json", "the last events of a unit, for a script"),
     ),
-    "calibrate": (("calibrate silo-1 --for 10min", "how fast a device answers, and the limits that fit"),),
-    "doctor": (("doctor hall-a", "what is wrong with a line, and the remedy"),),
-    "support": (("support bundle.tar.gz", "config without secrets, status, findings, trace, versions, in one file"),),
+    "calibrate": (
+        ("calibrate silo-1 --for 10min", "how fast a device answers, and the limits that fit"),
+        ("calibrate axis-1 --active --write-profile axis.toml", "read several sizes of its tables; make a profile"),
+    ),
+    "doctor": (
+        ("doctor hall-a", "what is wrong with a line, and the remedy"),
+        ("doctor --passive", "what is wrong with all, and send nothing"),
+        ("doctor --config gateway.toml", "the gateway with this config; or what can be seen while it does not run"),
+        ("doctor --hardware-report /dev/ttyUSB0 --unit 1 --baud 9600", "what an adapter does, for a report"),
+    ),
+    "support": (
+        ("support bundle.tar.gz", "config without secrets, status, findings, trace, versions, in one file"),
+        ("support bundle.tar.gz --no-trace", "the same without the values that passed on the lines"),
+    ),
     "bench": (
         ("bench hall-a", "read all units of a line in turn for a minute"),
         ("bench hall-a --unit silo-1 --items 20 --for 10s", "20 registers of one unit, for ten seconds"),
@@ -68,6 +94,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "ports": (("ports", "serial ports, and the path of each for the config"),),
     "simulate": (
         ("simulate weigher:1 v80:6 --port /tmp/hall", "two devices on a virtual serial port"),
+        ("simulate eastron-sdm630:1-3 --tcp 127.0.0.1:5502 --set 2:voltage-l1=207.5", "meters behind a server"),
         ("simulate mint:1-3 --port /tmp/axes --noise 5%", "three devices; some responses are damaged"),
     ),
     "import": (

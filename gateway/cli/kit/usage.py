@@ -1,29 +1,18 @@
 """Wrong arguments: what is wrong with them, and what to type instead."""
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from gateway.cli.kit.paint import red
-from gateway.cli.main import WRONG_USAGE
 from gateway.config.problem import WrongValue
 
 
 class WrongUsageError(Exception):
-    """The arguments are wrong. `remedy` is what to do instead, often a whole command."""
+    """The arguments are wrong: any command may raise it. `remedy` is what to do instead, often a whole command."""
 
     def __init__(self, what: str, remedy: str = "") -> None:
         super().__init__(what)
         self.remedy = remedy
-
-
-def tell_wrong_usage(wrong: WrongUsageError) -> int:
-    """Print the error; returns the exit code."""
-    print(f"modbus-gateway: {red('error')}: {wrong}", file=sys.stderr)
-    if wrong.remedy:
-        print(f"  help: {wrong.remedy}", file=sys.stderr)
-    return WRONG_USAGE
 
 
 def parsed_by(parse: Callable[[object], Any]) -> Callable[[str], Any]:
@@ -39,26 +28,19 @@ def parsed_by(parse: Callable[[object], Any]) -> Callable[[str], Any]:
     return argument
 
 
-def count(text: str) -> int:
-    """Parse how many times, at least 1: a `type` for argparse.
+def number_of(what: str, example: int) -> Callable[[str], int]:
+    """Make a `type` for argparse from what a number, at least 1, is of."""
 
-    Raises:
-        argparse.ArgumentTypeError: it is no such number.
-    """
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a number of times; write one such as 10')
-    return int(text)
+    def argument(text: str) -> int:
+        if not text.isdecimal() or int(text) == 0:
+            raise argparse.ArgumentTypeError(f'"{text}" is not {what}; write a number such as {example}')
+        return int(text)
+
+    return argument
 
 
-def baud(text: str) -> int:
-    """Parse the rate of a line: a `type` for argparse.
-
-    Raises:
-        argparse.ArgumentTypeError: it is no such number.
-    """
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a valid rate; write a number such as 9600')
-    return int(text)
+count = number_of("a number of times", 10)
+baud = number_of("a valid rate", 9600)
 
 
 def add_port_arguments(group: Any, what: str) -> None:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import Literal
 
 from gateway.cli.kit.daemon import Conversation, which_gateway
-from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.mbpoll import refuse_habits
 from gateway.cli.units.unit import DaemonUnit, Unit
 from gateway.cli.units.words import Command
@@ -22,13 +22,6 @@ def run_on_unit(verb: Verb, args: argparse.Namespace, act: Act) -> int:
     Raises:
         GatewayError: the unit cannot be asked.
     """
-    try:
-        return _run(verb, args, act)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
-
-
-def _run(verb: Verb, args: argparse.Namespace, act: Act) -> int:
     refuse_habits(verb, args)
     if not args.words:
         raise WrongUsageError("which unit? It is missing", f"modbus-gateway {verb} UNIT; status lists the units")

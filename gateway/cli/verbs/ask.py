@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any, Final
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
-from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.operations import show_operations, show_parameters
 from gateway.config.problem import did_you_mean
@@ -19,14 +19,7 @@ from gateway.operator.parameters import Parameter, parameters_of, read_parameter
 #: How long the gateway may take, in seconds: a measurement may last an hour, and says nothing meanwhile.
 _PATIENCE: Final = 3700.0
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway ask                       all operations, with what each must be told
-  modbus-gateway ask status
-  modbus-gateway ask unit unit=silo-1
-  modbus-gateway ask why who=silo-1 count=3
-  modbus-gateway ask scan line=hall-a units=1-32
-
+_ABOUT: Final = """\
 A VALUE is JSON where the parameter can have such a value, else text. The answer
 is what the gateway tells, as JSON; of an operation with several answers each is on
 a line of its own.
@@ -35,8 +28,7 @@ a line of its own.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `ask`."""
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     parser.add_argument("name", nargs="?", metavar="NAME", help="the operation (default: list all)")
     parser.add_argument("values", nargs="*", metavar="KEY=VALUE", help="its parameters")
     add_control_argument(parser)
@@ -52,11 +44,8 @@ def run(args: argparse.Namespace) -> int:
     if args.name is None:
         print(show_operations(BY_NAME.values()))
         return FINE
-    try:
-        operation = _find(args.name)
-        asked = _read(operation, args.values)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
+    operation = _find(args.name)
+    asked = _read(operation, args.values)
     with Conversation(which_gateway(args)) as daemon:
         if operation.right != "reading":
             tell_which(daemon.gateway)

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.progress import progress
-from gateway.cli.kit.usage import parsed_by
+from gateway.cli.kit.usage import number_of, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.bench import show_bench
 from gateway.config.values.duration import parse_duration, show_duration
@@ -24,7 +24,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("line", metavar="LINE", help="name of the line")
     add("--unit", metavar="UNIT", help="read one unit, by number or name (default: all of the line in turn)")
-    add("--items", type=_positive, default=10, metavar="N", help="registers or coils of each read (default 10)")
+    add(
+        "--items",
+        type=number_of("a valid number of items", 10),
+        default=10,
+        metavar="N",
+        help="registers or coils of each read (default 10)",
+    )
     add("--at", type=_address, metavar="ADDRESS", help="first address (default: one that the profile names, or 0)")
     add("--for", dest="seconds", type=parsed_by(parse_duration), default=60.0, metavar="TIME",
         help='how long to measure, such as "10 s" (default 1 min)')  # fmt: skip
@@ -57,12 +63,6 @@ def _measure(daemon: Conversation, asked: ToMeasure) -> BenchResult:
                 done = step.progress
                 line.show(f"{done.elapsed_s:.0f} of {show_duration(asked.seconds)}, {done.reads} reads")
     raise DaemonError("the gateway's answer has no measurement in it")
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f'"{text}" is not a valid number of items; write one such as 10')
-    return int(text)
 
 
 def _address(text: str) -> int:

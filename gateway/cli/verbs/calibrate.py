@@ -11,7 +11,7 @@ from typing import Final
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
 from gateway.cli.kit.progress import progress
-from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, parsed_by, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.calibration import Calibration, measured_profile
 from gateway.cli.units.active_calibration import ask_actively, parse_registers
@@ -27,13 +27,7 @@ from gateway.timing.proposal import MeasuredTimes
 _STEP: Final = 1.0
 _KEPT: Final = 2000
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway calibrate press                     from the traffic since the start
-  modbus-gateway calibrate press --for 10min         from the traffic of the next ten minutes
-  modbus-gateway calibrate press --active            read several sizes of its tables
-  modbus-gateway calibrate axis-1 --active --write 10-40 --write-profile axis.toml
-
+_ABOUT: Final = """\
 Nothing is written to the device unless --write names holding registers: they are
 read, and the same values are written back.
 """
@@ -41,8 +35,7 @@ read, and the same values are written back.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `calibrate`."""
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     add = parser.add_argument
     add("device", help="name or unit ID of a device")
     add(
@@ -71,13 +64,6 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         GatewayError: the device cannot be asked for, or the file cannot be written.
     """
-    try:
-        return _run(args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
-
-
-def _run(args: argparse.Namespace) -> int:
     if args.write and not args.active:
         raise WrongUsageError("--write is for --active", "add --active, or leave out --write")
     with Conversation(which_gateway(args)) as daemon:

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.cli.kit.columns import align
-from gateway.cli.kit.examples import examples_text
-from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.main import FINE
 from gateway.tls.certificate import WrongRole, shorten
 from gateway.tls.files import read_certificates
@@ -37,8 +36,7 @@ gateway accepts: keep it on another machine.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `certificates`."""
-    parser.epilog = f"{examples_text('certificates')}\n\n{_ABOUT}"
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     verbs = parser.add_subparsers(dest="what", metavar="authority|server|client|revoke|list", required=True)
     verb = verbs.add_parser("authority", help="make an authority")
     verb.add_argument("--name", default="Modbus gateway authority", help='its name (default "%(default)s")')
@@ -69,10 +67,7 @@ def run(args: argparse.Namespace) -> int:
         TlsError: openssl is missing, or a file cannot be read or written.
     """
     makers = {"authority": _authority, "server": _server, "client": _client, "revoke": _revoke, "list": _list}
-    try:
-        makers[args.what](Path(args.folder), args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
+    makers[args.what](Path(args.folder), args)
     return FINE
 
 

@@ -27,17 +27,7 @@ _PAINTS: Final[Mapping[str, Callable[[str], str]]] = {"fix": red, "note": yellow
 #: How long the gateway may take, in seconds: it asks units, and may try other rates and formats on several lines.
 _PATIENCE: Final = 120.0
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway doctor                  look at everything
-  modbus-gateway doctor hall-a           look at one line
-  modbus-gateway doctor --passive        send nothing on any line
-  modbus-gateway doctor --config gateway.toml
-                                         the gateway with this config; if it does not run,
-                                         what can be seen without it
-  modbus-gateway doctor --hardware-report /dev/ttyUSB0 --unit 1 --baud 9600
-                                         what an adapter does, for a report
-
+_ABOUT: Final = """\
 Each row is ok, note or fix; below a fix is the remedy, and the exit
 status is 1 then. Without --passive the running gateway may send reads of one
 item: to configured units that were asked fewer than four times, and to units
@@ -50,8 +40,7 @@ formats, for at most 30 s. It never writes. A note tells what was sent.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `doctor`."""
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     parser.add_argument("line", nargs="?", metavar="LINE", help="the name of a line (default: all)")
     parser.add_argument("--passive", action="store_true", help="send nothing: use what the gateway has measured")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")

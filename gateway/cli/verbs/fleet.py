@@ -6,8 +6,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from gateway.cli.kit.examples import examples_text
-from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.hub import hub_text
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
@@ -32,8 +31,7 @@ and hub/SITE.leaf.conf for each site with a leaf node.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `fleet`."""
-    parser.epilog = f"{examples_text('fleet')}\n\n{_ABOUT}"
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     verbs = parser.add_subparsers(dest="what", metavar="hub", required=True)
     verb = verbs.add_parser("hub", help="write the config of the NATS server, and a login for each site")
     verb.add_argument("file", metavar="FILE", help="the sites, and who asks whom (TOML)")
@@ -53,10 +51,7 @@ def run(args: argparse.Namespace) -> int:
         print(problem, file=sys.stderr)
     if read.hub is None:
         return PROBLEM_FOUND
-    try:
-        _check_renewed(args.renew, read.hub)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
+    _check_renewed(args.renew, read.hub)
     written = write_folder(file, read.hub, args.renew)
     if args.json:
         lists = {"new": written.new, "away": written.away, "removed": written.removed, "useless": written.useless}

@@ -8,7 +8,7 @@ from typing import Final
 
 from gateway.cli.kit.paint import red, yellow
 from gateway.cli.kit.progress import working
-from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.importing.from_csv.profile import profile_from_csv
 from gateway.config.importing.from_home_assistant.config import config_from_home_assistant
@@ -35,10 +35,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ImportedFileError: no file can be read and understood.
     """
-    try:
-        _check_usage(args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
+    _check_usage(args)
     with working("reading"):
         imported = _imported(args)
     print(imported.text, end="")

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from gateway.cli.kit.daemon import Conversation, which_gateway
-from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.show.ages import Ages
 from gateway.cli.show.map import map_as_csv, map_as_json, map_as_text
@@ -39,10 +39,7 @@ def run(args: argparse.Namespace) -> int:
     if loaded.plan is None:
         print(*errors_in(loaded.problems), sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
-    try:
-        found = _find(args.unit, loaded.plan)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
+    found = _find(args.unit, loaded.plan)
     if args.csv:
         sys.stdout.write(map_as_csv(found))
         return FINE

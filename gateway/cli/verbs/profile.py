@@ -5,14 +5,13 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from gateway.cli.kit.usage import WrongUsageError, baud, let_options_stand_anywhere, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError, baud, let_options_stand_anywhere, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.profiles.adding import add_profile
 from gateway.cli.profiles.known import BrokenFileError, Known, Profiles, find_matching, list_as_json, list_as_text
 from gateway.cli.profiles.picture import picture_as_json, picture_as_text
 from gateway.config.documents.points_csv import points_csv
 from gateway.config.machine.profile_folders import OWN_PROFILES
-from gateway.config.problem import WrongValue
 from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.timing.characters import CharacterFormat, LineTiming
 
@@ -26,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", default=_LIST, metavar="NAME|list|add", help="the profile (default: list)")
     parser.add_argument("file", nargs="?", metavar="FILE", help="with add: the file; with list: a word to look for")
     parser.add_argument("--baud", type=baud, default=19200, metavar="N", help="baud rate of the line (default 19200)")
-    parser.add_argument("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
+    format_ = parsed_by(parse_format)
+    parser.add_argument("--format", type=format_, metavar="F", help="character format (default 8E1, ASCII 7E1)")
     parser.add_argument("--mode", choices=("rtu", "ascii"), help="mode of the line (default rtu, mint ascii)")
     parser.add_argument("--config", metavar="FILE", help="config file with more profiles, in it and beside it")
     output = parser.add_mutually_exclusive_group()
@@ -46,8 +46,6 @@ def run(args: argparse.Namespace) -> int:
     """
     try:
         return _run(args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
     except BrokenFileError as broken:
         print(*broken.problems, sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
@@ -63,13 +61,6 @@ def _run(args: argparse.Namespace) -> int:
     if args.file is not None:
         raise WrongUsageError(f"{args.file} is one word too many", f"modbus-gateway profile {args.name}")
     return _show(args)
-
-
-def _format(text: str) -> CharacterFormat:
-    try:
-        return parse_format(text)
-    except WrongValue as wrong:
-        raise argparse.ArgumentTypeError(f"{wrong}: {wrong.remedy}") from wrong
 
 
 def _list(args: argparse.Namespace) -> int:

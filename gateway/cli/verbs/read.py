@@ -27,15 +27,7 @@ _USUAL_PACE: Final = 1.0
 #: What is said below a table that has a dash for a value.
 _NO_VALUE: Final = f"{NO_VALUE} is no value: the device says that it has none, or the registers hold no number"
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway read silo-1                           all points of the device
-  modbus-gateway read silo-1 weight -i 1s              one point, every second
-  modbus-gateway read 46 holding 107-109               40108-40110 of unit 46
-  modbus-gateway read 46 holding 10 int32 --swap words
-  modbus-gateway read 17 coils 0-15 --port /dev/ttyUSB0 --baud 9600 --format 8N1
-  modbus-gateway read 1 input 0-3 float32 --tcp 10.1.0.5
-
+_ABOUT: Final = """\
 UNIT is a unit number or the name of a device. AREA is coils, discrete, input or
 holding. Addresses count from 0: 40001 is holding 0. TYPE is uint16, int16,
 uint32, int32, uint64, int64, float32, float64, bcd16, bcd32 or string.
@@ -51,8 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "modbus-gateway read UNIT [POINT ...] [options]\n"
         "       modbus-gateway read UNIT AREA ADDRESS[-ADDRESS] [TYPE] [options]"
     )
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     add, duration = parser.add_argument, parsed_by(parse_duration)
     add("words", nargs="*", metavar="UNIT ...", help="the unit, and what to read from it: see the examples")
     add("-i", "--interval", type=duration, metavar="EVERY", help="read again and again, such as -i 1s")

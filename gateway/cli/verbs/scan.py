@@ -16,7 +16,6 @@ from gateway.cli.kit.usage import (
     add_port_arguments,
     let_options_stand_anywhere,
     parsed_by,
-    tell_wrong_usage,
 )
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.problem import WrongValue
@@ -35,13 +34,7 @@ _MOST_MODELS: Final = 12
 #: A gateway without idle time on the line says so within a minute.
 _LONGEST_SILENCE: Final = 70.0
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway scan hall-a                 all unit IDs that the config does not name
-  modbus-gateway scan hall-a 1-32
-  modbus-gateway scan --port /dev/ttyUSB0 --baud 9600
-  modbus-gateway scan 1-10 --port /dev/ttyUSB0 --all-speeds
-
+_ABOUT: Final = """\
 Through the gateway, scan uses the idle time of the line: a client waits for at
 most one request of the scan. With --port, no gateway may have the port open.
 """
@@ -52,8 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = (
         "modbus-gateway scan LINE [UNITS] [options]\n       modbus-gateway scan [UNITS] --port PORT [options]"
     )
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     add = parser.add_argument
     add("words", nargs="*", metavar="LINE [UNITS]", help="which line of the config; which units, such as 1-32 or 1,5,0")
     add("--all-speeds", action="store_true", help="try all usual rates; the line must not be in use")
@@ -77,13 +69,6 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         GatewayError: the line cannot be scanned.
     """
-    try:
-        return _show(args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
-
-
-def _show(args: argparse.Namespace) -> int:
     with ExitStack() as parts:
         line = parts.enter_context(progress())
 

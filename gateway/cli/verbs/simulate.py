@@ -5,20 +5,19 @@ import asyncio
 import json
 import re
 import signal
-import sys
 from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
-from gateway.cli.kit.usage import WrongUsageError, baud, tell_wrong_usage
-from gateway.cli.main import FINE, WRONG_USAGE
+from gateway.cli.kit.usage import WrongUsageError, baud, parsed_by
+from gateway.cli.main import FINE
 from gateway.cli.units.simulated import Group, Setting, find_groups, make_devices
 from gateway.clock.exact_loop import run_exactly
-from gateway.config.problem import WrongValue, did_you_mean
-from gateway.config.values.address import Address, parse_address
+from gateway.config.problem import did_you_mean
+from gateway.config.values.address import parse_address
 from gateway.config.values.character_format import DEFAULT_FORMATS, parse_format
 from gateway.config.values.duration import parse_duration
 from gateway.config.values.unitset import parse_units, show_units
@@ -40,15 +39,8 @@ _ARROWS: Final[Mapping[Sender, str]] = {"port": ">>", "device": "<<"}
 
 _SETTING: Final = re.compile(r"(?:([0-9]{1,3}):)?([^:=]+)=(.*)", re.DOTALL)
 
-_T = TypeVar("_T")
 
-
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway simulate weigher:1 v80:6 --port /tmp/hall
-  modbus-gateway simulate eastron-sdm630:1-3 --tcp 127.0.0.1:5502 --set 2:voltage-l1=207.5
-  modbus-gateway simulate my-meter --config gateway.toml --port /tmp/meter --set flow=invalid
-
+_ABOUT: Final = """\
 mint, v80 and weigher are played as in their documents. Any other profile has
 plausible values at its points, within min and max; most change slowly. What is
 written stays.
@@ -58,8 +50,7 @@ written stays.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `simulate`."""
     add = parser.add_argument
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     add("profile", nargs="+", type=_group, metavar="PROFILE[:UNITS]", help="any profile; several share a line")
     place = parser.add_mutually_exclusive_group(required=True)
     place.add_argument("--port", type=Path, metavar="PATH", help="path of the virtual serial port")
@@ -75,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--unit", type=_units, default=(1,), metavar="UNITS", help="such as 2, 1-3 or 6,17 (default 1)")
     add("--mode", choices=("rtu", "ascii"), help="mode of the line (default: of the profile, or rtu)")
-    add("--format", type=_format, metavar="F", help="character format (default 8E1, ASCII 7E1)")
+    add("--format", type=parsed_by(parse_format), metavar="F", help="character format (default 8E1, ASCII 7E1)")
     add("--baud", type=baud, metavar="N", help="baud rate of the devices (default: as set on the port)")
     add("--weight", type=float, metavar="W", help="constant weight of the weighers")
     add(
@@ -94,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="WORD[,WORD...]",
         help=f"what is wrong with the line, for doctor to find: {', '.join(FAULTS)}",
     )
-    add("--slow", type=_duration, default=0.0, metavar="TIME", help='respond later, such as "200 ms"')
+    add("--slow", type=parsed_by(parse_duration), default=0.0, metavar="TIME", help='respond later, such as "200 ms"')
     add("--noise", type=_share, default=0.0, metavar="SHARE", help="damage some responses, such as 5%%")
     add("--seed", type=int, default=0, metavar="N", help="seed of values and noise (default 0)")
     add("-v", "--verbose", action="store_true", help="print each frame")
@@ -119,11 +110,8 @@ def run(args: argparse.Namespace) -> int:
         else:
             line = _line(groups, devices, args, end)
             place, introduction = line, partial(_introduce_line, groups, args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
     except ValueError as wrong:
-        print(f"modbus-gateway simulate: error: {wrong}", file=sys.stderr)
-        return WRONG_USAGE
+        raise WrongUsageError(str(wrong)) from wrong
     run_exactly(_serve(place, introduction, end))
     return FINE
 
@@ -253,20 +241,8 @@ def _setting(text: str) -> Setting:
     return Setting(None if match[1] is None else int(match[1]), match[2], match[3])
 
 
-def _tcp(text: str) -> Address:
-    return _parse_argument(lambda value: parse_address(value, ("tcp",)), f"tcp://{text.removeprefix('tcp://')}")
-
-
-def _units(text: str) -> tuple[int, ...]:
-    return _parse_argument(parse_units, [part.strip() for part in text.split(",")])
-
-
-def _format(text: str) -> CharacterFormat:
-    return _parse_argument(parse_format, text)
-
-
-def _duration(text: str) -> float:
-    return _parse_argument(parse_duration, text)
+_tcp = parsed_by(lambda text: parse_address(f"tcp://{str(text).removeprefix('tcp://')}", ("tcp",)))
+_units = parsed_by(lambda text: parse_units([part.strip() for part in str(text).split(",")]))
 
 
 def _share(text: str) -> float:
@@ -278,12 +254,3 @@ def _share(text: str) -> float:
     if not 0 <= share <= 1:
         raise argparse.ArgumentTypeError(f'"{text}" is not a valid percentage; write one such as 5%')
     return share
-
-
-def _parse_argument(parse: Callable[[object], _T], value: object) -> _T:
-    """Parse a value, with errors as argparse expects them."""
-    try:
-        return parse(value)
-    except WrongValue as wrong:
-        remedy = f": {wrong.remedy}" if wrong.remedy else ""
-        raise argparse.ArgumentTypeError(f"{wrong}{remedy}") from wrong

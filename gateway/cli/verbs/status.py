@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
-from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
 from gateway.cli.show.fleet import sites_as_text
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
         DaemonError: no gateway answers.
     """
     if (args.csv or args.all) and not args.fleet:
-        return tell_wrong_usage(WrongUsageError(f"--{'csv' if args.csv else 'all'} needs --fleet"))
+        raise WrongUsageError(f"--{'csv' if args.csv else 'all'} needs --fleet")
     if args.csv:
         repeat(lambda: _csv(args), is_watched=args.watch)
     elif args.json:

@@ -34,15 +34,7 @@ _PATIENCE: Final = 80.0
 #: Only who made the file may read it.
 _MODE: Final = 0o600
 
-_EXAMPLES: Final = """\
-examples:
-  sudo modbus-gateway support bundle.tar.gz
-  sudo modbus-gateway support bundle.tar.gz --no-trace
-                                         without the values that passed on the lines
-  modbus-gateway support bundle.tar.gz --config gateway.toml
-                                         the gateway with this config; if it does not
-                                         run, what can be seen without it
-
+_ABOUT: Final = """\
 Nothing is sent on any line. Passwords, tokens and keys of the config are not
 in the file, nor are its comments. Names, addresses and the log are, and
 without --no-trace the values that passed in the last five minutes.
@@ -51,8 +43,7 @@ without --no-trace the values that passed in the last five minutes.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `support`."""
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     add = parser.add_argument
     add("file", metavar="FILE", help="the file to write, such as bundle.tar.gz")
     add("--no-trace", action="store_true", help="leave out what passed on the lines: it has values of the process")

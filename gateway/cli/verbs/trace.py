@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
-from gateway.cli.kit.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.trace_rows import rows
 from gateway.config.values.duration import parse_duration
@@ -33,17 +33,7 @@ _STORIES: Final = 5
 #: Longer than the ring of any gateway reaches back.
 _ALWAYS: Final = 7 * 24 * 3600.0
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway trace                          all lines, until Ctrl-C
-  modbus-gateway trace hall-a --unit silo-1     one line, one unit
-  modbus-gateway trace --since 5min             what has happened, then exit
-  modbus-gateway trace --why 46                 why requests to unit 46 failed
-  modbus-gateway trace --why 10.2.0.7           why requests of a client failed
-  modbus-gateway trace --why hall-a             why requests on a line failed
-  modbus-gateway trace --since 1h --pcapng hall.pcapng    for Wireshark
-  modbus-gateway trace --pcapng - | wireshark -k -i -     live in Wireshark
-
+_ABOUT: Final = """\
 >  to the line, <  from it, x  a request that was not sent, -  no response,
 !  a port was opened or lost
 """
@@ -51,8 +41,7 @@ examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `trace`."""
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     add = parser.add_argument
     add("line", nargs="?", metavar="LINE", help="the line or upstream to look at (default: all)")
     add("--unit", metavar="U", help="only this unit: the number that clients use, or a name")
@@ -82,10 +71,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         DaemonError: the gateway cannot be reached, keeps nothing, or knows no such line or unit.
     """
-    try:
-        _refuse_what_does_not_fit(args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
+    _refuse_what_does_not_fit(args)
     with Conversation(which_gateway(args)) as daemon:
         if args.why is not None:
             return _tell_why(daemon, args)

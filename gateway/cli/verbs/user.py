@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
-from gateway.cli.kit.usage import WrongUsageError, tell_wrong_usage
+from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.main import DEFAULT_CONFIG, FINE
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.config.problem import did_you_mean
@@ -31,15 +31,7 @@ DEFAULT_FILE: Final = "/etc/modbus-gateway/users"
 
 _WHATS: Final = ("add", "remove", "list", "password")
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway user add anna --role operator     asks for the password
-  modbus-gateway user add wall < password.txt      reads it from there
-  modbus-gateway user mes --token --role operator  prints a token for a program
-  modbus-gateway user password anna
-  modbus-gateway user remove anna
-  modbus-gateway user list
-
+_ABOUT: Final = """\
 A viewer reads; an operator also reloads the config, and writes if [web] has
 write = true. A running gateway knows of a change within 5 s, and ends the
 sessions of users that were changed or removed. A token is shown once; programs
@@ -49,8 +41,7 @@ send it as `Authorization: Bearer TOKEN`, and may what its role may.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `user`."""
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     _let_a_name_with_token_mean_add(parser)
     verbs = parser.add_subparsers(dest="what", metavar="|".join(_WHATS), required=True)
     for what, about in (("add", "add a user"), ("remove", "remove one"), ("password", "set another password")):
@@ -85,8 +76,6 @@ def run(args: argparse.Namespace) -> int:
     file = Path(args.file or _file_of_config() or DEFAULT_FILE)
     try:
         return {"add": _add, "remove": _remove, "password": _password, "list": _list}[args.what](file, args)
-    except WrongUsageError as wrong:
-        return tell_wrong_usage(wrong)
     except OSError as error:
         raise UsersError(f"{error.filename or file}: {error.strerror or error}") from error
 

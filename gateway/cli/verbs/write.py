@@ -17,17 +17,7 @@ from gateway.errors import DoesNotFit, GatewayError
 from gateway.modbus.functions import only_reads
 from gateway.operator.values import NewValues, Outcome, Steps, writing
 
-_EXAMPLES: Final = """\
-examples:
-  modbus-gateway write silo-1 zero take           a point, by one of its labels
-  modbus-gateway write boiler pump on             one bit of a register
-  modbus-gateway write press register-40136 926 --show
-  modbus-gateway write 46 holding 135 0x039E      one register: function 06
-  modbus-gateway write 46 holding 135 10 258      two registers: function 16
-  modbus-gateway write 46 holding 10 -2.5 float32 --swap words
-  modbus-gateway write 17 coils 172 on --port /dev/ttyUSB0 --baud 9600
-  modbus-gateway write 1 holding 0 7 --tcp 10.1.0.5
-
+_ABOUT: Final = """\
 UNIT is a unit number or the name of a device. AREA is coils or holding.
 Addresses count from 0: 40001 is holding 0. TYPE is uint16, int16, uint32,
 int32, uint64, int64, float32, float64, bcd16, bcd32 or string. It writes at
@@ -46,8 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "modbus-gateway write UNIT POINT VALUE [options]\n"
         "       modbus-gateway write UNIT AREA ADDRESS VALUE ... [TYPE] [options]"
     )
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = _ABOUT
     parser.add_argument(
         "words", nargs="*", metavar="UNIT ...", help="the unit, and what to write to it: see the examples"
     )

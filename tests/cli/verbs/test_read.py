@@ -217,7 +217,7 @@ def test_wrong_words_are_answered_with_what_to_type(daemon, words, complaint, ca
     [
         ("-i 1", 'a duration needs a unit: write "1 ms" or "1 s"'),
         ("-i x", '"x" is not a valid duration'),
-        ("-n 0", '"0" is not a number of times; write one such as 10'),
+        ("-n 0", '"0" is not a number of times; write a number such as 10'),
         ("--swap all", "invalid choice: 'all'"),
         ("--baud fast", '"fast" is not a valid rate; write a number such as 9600'),
     ],
