@@ -1,6 +1,6 @@
 """The table of all operations, by name, with the types of parameters and results.
 
-A new one is described here, and listed in `OPERATIONS` below. The function that answers is at `by`; its parameters and
+A new one is described here. The function that answers is at `by`; its parameters and
 its result are dataclasses in `asked` and `answers`.
 
 Neither these functions nor the types of results are loaded here: the commands of this program use the same table, and
@@ -395,41 +395,9 @@ SUPPORT: Final[Operation[ToSupport, "Document"]] = Operation(
     is_repeated=True,
 )
 
-OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = (
-    STATUS,
-    WHICH,
-    INVENTORY,
-    FLEET,
-    RELOAD,
-    CONFIG,
-    CHECK_CONFIG,
-    LINES,
-    LINE,
-    LINE_HISTORY,
-    UNITS,
-    UNIT,
-    UNIT_STATUS,
-    UNIT_HISTORY,
-    VALUES,
-    VALUE_HISTORY,
-    POINTS,
-    POINT,
-    READ,
-    WRITE_POINTS,
-    WRITE_POINT,
-    WRITE,
-    IMAGE,
-    REQUEST,
-    FORGET,
-    DOCTOR,
-    TRACE,
-    MEANING,
-    WHY,
-    EVENTS,
-    BENCH,
-    TIMES,
-    SCAN,
-    SUPPORT,
+#: All of them, in this order.
+OPERATIONS: Final[tuple[Operation[Any, Any], ...]] = tuple(
+    each for each in globals().values() if isinstance(each, Operation)
 )
 
 #: All operations by name.

@@ -49,7 +49,9 @@ async def scan(operator: Operator, asked: ToScan, asker: Asker) -> AsyncGenerato
     line.is_scanned = True
     try:
         kinds = await _kinds(operator)
-        async with aclosing(_steps(running, line, units, asked.limit_s, kinds, all_speeds=all_speeds)) as steps:
+        limit = asked.limit_s
+        at_all_speeds = all_speeds and _at_all_speeds(running, line, units, limit, kinds)
+        async with aclosing(at_all_speeds or Scan(line, units, limit, kinds).run()) as steps:
             async for step in steps:
                 if line not in running.gateway.lines:
                     raise WrongQuestion(f"a reload has changed {line.name}: scan it again")
@@ -81,20 +83,9 @@ async def _kinds(operator: Operator) -> list[KnownKind]:
     return await loop.run_in_executor(ThreadPerCall("read profiles"), known_kinds, file)
 
 
-async def _steps(
-    running: Running,
-    line: GatewayLine,
-    units: list[int],
-    limit: float,
-    kinds: Sequence[KnownKind],
-    *,
-    all_speeds: bool,
+async def _at_all_speeds(
+    running: Running, line: GatewayLine, units: list[int], limit: float, kinds: Sequence[KnownKind]
 ) -> Steps:
-    if not all_speeds:
-        async with aclosing(Scan(line, units, limit, kinds).run()) as steps:
-            async for step in steps:
-                yield step
-        return
     async with running.ports.lent(line, "a scan at all speeds") as borrowers:
 
         def at_rate(baud: int) -> GatewayLine:

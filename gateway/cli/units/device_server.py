@@ -1,5 +1,6 @@
-"""A device server that is asked without a gateway: it cannot tell whose response it carries."""
+"""Ports that are asked without a gateway. A device server cannot tell whose response it carries."""
 
+import argparse
 import socket
 import time
 from contextlib import suppress
@@ -7,9 +8,12 @@ from dataclasses import dataclass
 from select import select
 from typing import Final
 
-from gateway.cli.kit.daemon import Conversation, Meant
+from gateway.cli.kit.daemon import Conversation, Meant, which_gateway
+from gateway.cli.kit.usage import WrongUsageError
+from gateway.config.problem import WrongValue
 from gateway.config.values.address import Address
-from gateway.config.values.port import parse_line_port
+from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
+from gateway.config.values.port import DEVICE_SERVER_MODES, parse_line_port, parse_port
 from gateway.control.path import SYSTEM_SOCKET
 from gateway.errors import DaemonError, PortError
 from gateway.operator.operation import Nothing
@@ -18,6 +22,7 @@ from gateway.operator.results import read_result
 from gateway.ports.port import CLOSED_AT_ONCE
 from gateway.ports.tcp import READ_SIZE
 from gateway.timing.budget import NETWORK_LATENCY
+from gateway.timing.characters import CharacterFormat, Mode
 
 _TAKEN: Final = (
     "{port} is the port of line {line} of the running gateway ({gateway})\n  help: leave out --port to go through it"
@@ -38,7 +43,27 @@ class _Lines:
     servers: tuple[_Line, ...]
 
 
-def refuse_port_of_gateway(port: Address, gateway: Meant) -> None:
+def port_to_ask(args: argparse.Namespace, mode: Mode) -> tuple[str | Address, CharacterFormat, Mode]:
+    """Read the port that arguments name, its format, and its mode: this one, unless it is that of a device server.
+
+    Raises:
+        WrongUsageError: one of them is wrong.
+        PortError: it is the port of a line of a running gateway.
+    """
+    try:
+        port = parse_port(args.port)
+        mode = DEVICE_SERVER_MODES[port.scheme] if isinstance(port, Address) else mode
+        format_ = DEFAULT_FORMATS[mode] if args.format is None else parse_format(args.format)
+    except WrongValue as wrong:
+        raise WrongUsageError(str(wrong), wrong.remedy) from wrong
+    if not fits_mode(format_, mode):
+        raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")
+    if isinstance(port, Address):
+        _refuse_port_of_gateway(port, which_gateway(args))
+    return port, format_, mode
+
+
+def _refuse_port_of_gateway(port: Address, gateway: Meant) -> None:
     """Refuse a device server that this gateway or that of the system asks: two clients get each other's responses.
 
     Both only say which lines they have.

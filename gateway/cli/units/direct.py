@@ -14,9 +14,8 @@ from pymodbus import FramerType, ModbusException
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.pdu import ModbusPDU
 
-from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
-from gateway.cli.units.device_server import refuse_port_of_gateway, settle
+from gateway.cli.units.device_server import port_to_ask, settle
 from gateway.cli.units.unit import NoResponseError
 from gateway.config.load import find_profile
 from gateway.config.plan.points import points_of
@@ -25,8 +24,6 @@ from gateway.config.problem import WrongValue
 from gateway.config.profile_files import ProfileFiles
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.values.address import Address, parse_address
-from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
-from gateway.config.values.port import DEVICE_SERVER_MODES, parse_port
 from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
 from gateway.modbus.explain import Mode, explain
@@ -214,17 +211,9 @@ def _socket_client(address: Address, framer: FramerType, place: _Place, open_par
 
 def _port_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack) -> _Client:
     """Make a client for a device server, or for a serial port, opened in the same way as the gateway does."""
-    try:
-        port = parse_port(args.port)
-        format_ = DEFAULT_FORMATS[place.mode] if args.format is None else parse_format(args.format)
-    except WrongValue as wrong:
-        raise WrongUsageError(str(wrong), wrong.remedy) from wrong
+    port, format_, place.mode = port_to_ask(args, place.mode)
     if isinstance(port, Address):
-        refuse_port_of_gateway(port, which_gateway(args))
-        place.mode = DEVICE_SERVER_MODES[port.scheme]
         return _socket_client(port, _FRAMERS[place.mode], place, open_parts)
-    if not fits_mode(format_, place.mode):
-        raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")
     try:
         serial = open_parts.enter_context(open_blocking(SerialSettings(port, args.baud, format_), place.timeout))
     except PortError as error:

@@ -5,14 +5,10 @@ from collections.abc import Callable
 from contextlib import aclosing
 from pathlib import Path
 
-from gateway.cli.kit.daemon import which_gateway
 from gateway.cli.kit.usage import WrongUsageError
-from gateway.cli.units.device_server import refuse_port_of_gateway
+from gateway.cli.units.device_server import port_to_ask
 from gateway.config.machine.known_kinds import known_kinds
-from gateway.config.problem import WrongValue
 from gateway.config.values.address import Address
-from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
-from gateway.config.values.port import DEVICE_SERVER_MODES, parse_port
 from gateway.errors import PortError
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
 from gateway.operator.answers.scan import Found, Progress, ScanStep
@@ -70,19 +66,11 @@ async def _steps(line: GatewayLine, units: list[int], args: argparse.Namespace) 
 
 
 def _line(args: argparse.Namespace) -> GatewayLine:
-    try:
-        port = parse_port(args.port)
-        mode = DEVICE_SERVER_MODES[port.scheme] if isinstance(port, Address) else args.mode or "rtu"
-        format_ = DEFAULT_FORMATS[mode] if args.format is None else parse_format(args.format)
-    except WrongValue as wrong:
-        raise WrongUsageError(str(wrong), wrong.remedy) from wrong
-    if not fits_mode(format_, mode):
-        raise WrongUsageError(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}", "is it --mode ascii?")
+    port, format_, mode = port_to_ask(args, args.mode or "rtu")
     settings: PortSettings
     if isinstance(port, Address):
         if args.all_speeds:
             raise WrongUsageError("the rate of a port behind a device server is set there", "leave out --all-speeds")
-        refuse_port_of_gateway(port, which_gateway(args))
         settings = TcpSettings(str(port), port.host, port.port, NETWORK_LATENCY)
     else:
         settings = SerialSettings(port, args.baud, format_)
