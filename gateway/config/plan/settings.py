@@ -49,17 +49,12 @@ class LeasePlan:
 
 
 @dataclass(frozen=True, slots=True)
-class LinePlan:
-    """A client line: its port, its settings, and its devices. With a `lease` gateways ask there in turn."""
+class _WithDevices:
+    """A line with devices: its port, its settings, and the devices."""
 
     port: PortSettings
     line: LineSettings
-    devices: tuple[DeviceSettings, ...]
-    #: No device is configured: all units without another destination are passed through.
-    passes_through: bool = False
-    #: Units that only the listeners for this line lead to.
-    own_units: frozenset[int] = frozenset()
-    lease: LeasePlan | None = None
+    devices: tuple[DeviceSettings, ...] = ()
 
     @property
     def name(self) -> str:
@@ -75,6 +70,17 @@ class LinePlan:
     def budget(self) -> Budget:
         """Give what the time limits of its devices are computed with."""
         return Budget(self.line.timing, self.latency)
+
+
+@dataclass(frozen=True, slots=True)
+class LinePlan(_WithDevices):
+    """A client line. With a `lease` gateways ask there in turn."""
+
+    #: No device is configured: all units without another destination are passed through.
+    passes_through: bool = False
+    #: Units that only the listeners for this line lead to.
+    own_units: frozenset[int] = frozenset()
+    lease: LeasePlan | None = None
 
     @property
     def meaning(self) -> "LinePlan":
@@ -137,28 +143,10 @@ class UpstreamPlan:
         return ServerBudget()
 
 
-@dataclass(frozen=True, slots=True)
-class MonitorPlan:
-    """A line on which the gateway only listens: its port, its settings, and the devices that others ask there."""
+class MonitorPlan(_WithDevices):
+    """A line on which the gateway only listens, and whose devices others ask."""
 
-    port: PortSettings
-    line: LineSettings
-    devices: tuple[DeviceSettings, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """The name of the line."""
-        return self.line.name
-
-    @property
-    def latency(self) -> float:
-        """Give the latency of the port, as far as it is known before the port is open."""
-        return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
-
-    @property
-    def budget(self) -> Budget:
-        """Give what the time limits of its devices are computed with."""
-        return Budget(self.line.timing, self.latency)
+    __slots__ = ()
 
 
 #: A part that has devices.
