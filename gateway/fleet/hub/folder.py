@@ -38,7 +38,9 @@ class Written:
 
 
 def write_folder(file: Path, hub: Hub, renew: str | None = None) -> Written:
-    """Write the folder beside `file`, the list of sites. The site `renew` gets a new key.
+    """Write the folder beside `file`, the list of sites.
+
+    The site `renew` gets a new key, or that of its credentials file if the config has another one.
 
     Raises:
         FleetError: a file there is not what it must be, or the signing library is not installed.
@@ -48,8 +50,10 @@ def write_folder(file: Path, hub: Hub, renew: str | None = None) -> Written:
     folder.mkdir(mode=0o700, exist_ok=True)
     _check_owner(folder)
     earlier = _earlier(folder / CONFIG)
-    if renew is not None and _credentials(folder, renew).exists():
-        raise FleetError(f"{_credentials(folder, renew)} exists: remove it first, or move it away")
+    if renew is not None and (there := _login(folder, renew, None)) is not None:
+        known = earlier.get(renew)
+        if known is None or there.key == known.key:
+            raise FleetError(f"{_credentials(folder, renew)} exists: remove it first, or move it away")
     kept = {site: login for site, login in earlier.items() if site != renew}
     logins = {site: _login(folder, site, kept.get(site)) for site in sites_of(hub)}
     new = tuple(site for site, login in logins.items() if login is None)

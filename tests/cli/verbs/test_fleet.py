@@ -91,6 +91,19 @@ def test_a_file_of_another_key_is_not_taken_for_that_of_a_site(file: Path, capsy
     assert (folder / "hub.conf").read_text() == before
 
 
+def test_renew_takes_a_file_whose_key_the_config_does_not_have(file: Path) -> None:
+    """As when the power failed between both."""
+    folder, before = file.parent / "hub", keys(file)
+    old = (folder / "hub.conf").read_text()
+    (folder / "east.creds").unlink()
+    assert run(file, SITES, "--renew", "east") == 0
+    (folder / "hub.conf").write_text(old)
+    assert run(file, SITES) == 1
+    assert run(file, SITES, "--renew", "east") == 0
+    made = public_key(read_credentials((folder / "east.creds").read_text()).key)
+    assert keys(file) == before | {"east": made}
+
+
 def test_a_config_of_somebody_else_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "hub").mkdir()
     (tmp_path / "hub" / "hub.conf").write_text("port: 4222\n")
