@@ -47,6 +47,7 @@ MUSL: Final = ("x86_64-unknown-linux-musl", "aarch64-unknown-linux-musl")
 LIBRARIES: Final = ("--all-extras", "--requirement", "pyproject.toml")
 PYTHONS: Final = ("3.11", "3.12", "3.13", "3.14")
 
+nox.needs_version = ">=2026.4"
 nox.options.default_venv_backend = "none"
 nox.options.sessions = ["check"]
 nox.options.error_on_missing_interpreters = False
