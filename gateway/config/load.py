@@ -17,7 +17,6 @@ from gateway.config.machine.file_text import (
     plain_text,
     read_file_text,
 )
-from gateway.config.machine.paths import check_paths
 from gateway.config.machine.port_trouble import port_trouble
 from gateway.config.plan.settings import Plan
 from gateway.config.plan.shared_units import without_shared_units
@@ -127,7 +126,7 @@ def load_table(
             address_trouble=address_trouble,
             unit_trouble=unit_trouble,
         )
-        return _parsed(places, at, os.path.exists, troubles, embedding)
+        return _parsed(places, at, troubles, embedding)
     except RecursionError:
         return _fail_nested(file, 0)
 
@@ -158,13 +157,12 @@ def parse(
     port_trouble: PortTrouble = port_trouble,
     real_path: Callable[[str], str] = os.path.realpath,
     address_trouble: AddressTrouble = lambda _: None,
-    exists: Callable[[str], bool] = os.path.exists,
     profile_files: ProfileFiles | None = None,
     unit_trouble: UnitTrouble = lambda _: None,
     at: FilePath | None = None,
     embedding: Embedding | None = None,
 ) -> Loaded:
-    """Parse `text`, the content of `file`. `exists` looks for the files that it names.
+    """Parse `text`, the content of `file`.
 
     `at` is the path that says what relative ones mean, if it is another than `file`.
     """
@@ -186,7 +184,7 @@ def parse(
             address_trouble=address_trouble,
             unit_trouble=unit_trouble,
         )
-        return _parsed(places, at, exists, troubles, embedding or Embedding())
+        return _parsed(places, at, troubles, embedding or Embedding())
     except RecursionError:  # a key of a thousand parts
         return _fail_nested(file)
 
@@ -194,7 +192,6 @@ def parse(
 def _parsed(
     places: "_Places",
     at: FilePath,
-    exists: Callable[[str], bool],
     troubles: Callable[[Planning, frozenset[str]], Iterator[Problem]],
     embedding: Embedding,
 ) -> Loaded:
@@ -207,7 +204,6 @@ def _parsed(
         *reader.problems,
         *own.problems,
         *profiled.problems,
-        *check_paths(document, folder, exists),
         *_check_masks(document),
     ]
     failed = frozenset(reader.failed if profiled.is_whole else {*reader.failed, PROFILE})

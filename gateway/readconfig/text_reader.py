@@ -61,7 +61,7 @@ def look_at(text: str, in_use: str, file: Path) -> TextCheck:
 
 def _parse(text: str, file: Path) -> Loaded:
     """Parse a text as the content of `file`: own profiles are where that one finds them."""
-    return parse(text, str(file), port_trouble=lambda _: None, real_path=normpath, exists=lambda _: True)
+    return parse(text, str(file), port_trouble=lambda _: None, real_path=normpath)
 
 
 def _changes(old: Plan, new: Plan) -> TextChanges:

@@ -1,7 +1,5 @@
 """Paths in a config count from its folder, whatever the working directory is."""
 
-import pytest
-
 from gateway.config.load import load, parse
 from gateway.config.resolve import resolve
 
@@ -58,7 +56,7 @@ RELATIVE = {
 
 def test_every_path_counts_from_the_folder_of_the_file(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    loaded = parse(SITE + TEXT, "/srv/plant/gateway.toml", exists=lambda _: True)
+    loaded = parse(SITE + TEXT, "/srv/plant/gateway.toml")
     plan = resolve(loaded.config)
     listen, upstream = (one.settings for one in plan.secured)
     web, mqtt, fleet = plan.web, plan.mqtt, plan.fleet
@@ -80,44 +78,3 @@ def test_a_link_to_the_file_counts_from_where_the_link_stands(tmp_path):
     (tmp_path / "real.toml").write_text('[[image]]\nunit = 1\nholding = 1\n[control]\nsocket = "../c"\n')
     (tmp_path / "etc" / "gateway.toml").symlink_to(tmp_path / "real.toml")
     assert resolve(load(tmp_path / "etc" / "gateway.toml").config).control == f"{tmp_path}/etc/../c"
-
-
-def test_what_only_the_working_directory_has_is_told_with_both_paths(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    loaded = parse(SITE + TEXT, "/srv/plant/gateway.toml", exists=lambda path: not path.startswith("/srv"))
-    assert loaded.config is not None
-    told = {one.what.split()[3].removesuffix(":"): one for one in loaded.problems if "count from" in one.what}
-    assert told.keys() == {f"/srv/plant/{path}" for path in RELATIVE}
-    assert str(told["/srv/plant/token"]) == (
-        "/srv/plant/gateway.toml:28:18: warning: web.token.file: there is no /srv/plant/token: paths count from the "
-        f"folder of the config now, and no longer to {tmp_path}/token\n"
-        f'  help: write "{tmp_path}/token", or move the file'
-    )
-
-
-@pytest.mark.parametrize("has", ["both", "neither", "the folder of the config"])
-def test_otherwise_nothing_is_told(has, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    exists = {"both": True, "neither": False, "the folder of the config": None}[has]
-
-    def look(path: str) -> bool:
-        return path.startswith("/srv") if exists is None else exists
-
-    problems = parse(SITE + TEXT, "/srv/plant/gateway.toml", exists=look).problems
-    assert not [one for one in problems if "count from" in one.what]
-
-
-def test_a_working_directory_that_is_gone_has_no_files(monkeypatch, tmp_path):
-    (tmp_path / "gone").mkdir()
-    monkeypatch.chdir(tmp_path / "gone")
-    (tmp_path / "gone").rmdir()
-    assert [one for one in parse(SITE + TEXT, "/srv/gateway.toml").problems if "count from" in one.what] == []
-
-
-def test_keys_that_only_look_like_paths_are_none(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "here").touch()
-    text = '[[image]]\nunit = 1\nname = "here"\nholding = 1\n[profile.key]\ntitle = "here"\n'
-    assert parse(text, "/srv/plant/gateway.toml").problems == ()
-    (problem,) = parse('file = "here"\n' + text, "/srv/plant/gateway.toml").problems
-    assert problem.what == "unknown key"
