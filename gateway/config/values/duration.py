@@ -1,6 +1,7 @@
 """Durations: text with a unit, such as "250 ms", "5 s" or "10 min"."""
 
 import re
+from collections.abc import Callable
 from typing import Final
 
 from gateway.config.problem import WrongValue
@@ -51,22 +52,13 @@ def parse_duration_or_zero(value: object, least: float = 0.0) -> float:
     return seconds
 
 
-def parse_duration_or_auto(value: object) -> float | None:
-    """Parse seconds, or None for "auto".
-
-    Raises:
-        WrongValue: `value` is neither.
-    """
-    return None if value == "auto" else parse_duration(_no_word(value, '"auto"'))
+def _or_auto(parse: Callable[[object], float]) -> Callable[[object], float | None]:
+    """Make a function that parses a duration, or returns None for "auto"."""
+    return lambda value: None if value == "auto" else parse(_no_word(value, '"auto"'))
 
 
-def parse_duration_or_zero_or_auto(value: object) -> float | None:
-    """Parse seconds, "0" included, or None for "auto".
-
-    Raises:
-        WrongValue: `value` is neither.
-    """
-    return None if value == "auto" else parse_duration_or_zero(_no_word(value, '"auto"'))
+parse_duration_or_auto = _or_auto(parse_duration)
+parse_duration_or_zero_or_auto = _or_auto(parse_duration_or_zero)
 
 
 def parse_duration_or_off_or_auto(value: object) -> float | None:
