@@ -42,6 +42,7 @@ _OVER_TCP: Final[Mapping[str, str]] = {
     **dict.fromkeys(("tcp+ascii", "ascii+tcp"), "ascii+tcp"),
 }
 _SERIAL: Final = frozenset({"serial", "serial+rtu", "rtu"})
+_REPEATS: Final = "modbus-proxy repeated writes too; here only reads are sent again"
 _SAME_PROTOCOL: Final = "as before, clients use the protocol of the device; for Modbus TCP write tcp:// in bind"
 
 
@@ -56,7 +57,7 @@ def config_from_modbus_proxy(file: str, text: str) -> Imported:
     remapped = (number for number, table in tables if isinstance(table, dict) and table.get("unit_id_remapping"))
     first = next(remapped, 0)
     return gather(
-        (f"From modbus-proxy: {file}", *_unknown(document, {"devices", "logging"})),
+        (f"From modbus-proxy: {file}", _REPEATS, *_unknown(document, {"devices", "logging"})),
         (_tables(table, f"{file}: device {number}", taken, may_remap=number == first) for number, table in tables),
     )
 

@@ -90,13 +90,14 @@ def test_a_device_becomes_an_upstream_with_a_listener_for_it():
 
 @pytest.mark.parametrize("text", [ONE, TWO, REMAPPED, REMAPPED.replace("1: 0", "1: 2")])
 def test_nothing_is_left_to_mend(text):
-    """No problem but that a unit has two numbers, as before, and no remark but that of a unit that is lost."""
+    """No problem but that a unit has two numbers, as before, and no remark but those of writes and a lost unit."""
     written, left_out, _ = imported(text)
     problems = [one.what.partition(" already ")[0] for one in parse(written, port_trouble=lambda _: None).problems]
     assert problems == [f"unit {unit} behind the server" for unit in (2, 7) if f": {unit}\n" in text]
     assert left_out == ()
     remarks = [line for line in written.splitlines() if line.startswith("# ") and "p.yml" not in line][:-2]
-    assert remarks == (["# clients cannot ask for unit 0 any more"] if "1: 2" in text else [])
+    lost = ["# clients cannot ask for unit 0 any more"] if "1: 2" in text else []
+    assert remarks == ["# modbus-proxy repeated writes too; here only reads are sent again", *lost]
 
 
 def test_clients_of_several_devices_keep_all_unit_identifiers():

@@ -75,13 +75,13 @@ _SPELLINGS: Final[Mapping[str, str]] = {
         "小数位 / 小数位数"
     ),
     "unit": (
-        "unit / units / uom / unit of measurement / unit of measure / engineering unit / eng unit / einheit / "
-        "einheiten / unidad / unité / 单位"
+        "unit / units / uom / unit of measurement / unit of measure / engineering unit / eng unit / eng units / "
+        "einheit / einheiten / unidad / unité / 单位"
     ),
     "access": (
-        "access / r w / rw / r w access / read write / access type / access right / access rights / access mode / "
-        "permission / permissions / attribute / r o r w / ro rw / writable / writeable / write / customer write / "
-        "access r w / zugriff / zugriffsrecht / lesen schreiben / l s / schreibbar / "
+        "access / client access / r w / rw / r w access / read write / access type / access right / access rights / "
+        "access mode / permission / permissions / attribute / r o r w / ro rw / writable / writeable / write / "
+        "customer write / access r w / zugriff / zugriffsrecht / lesen schreiben / l s / schreibbar / "
         "读写 / 读写属性 / 读写权限 / 属性 / 权限 / "
         "访问"
     ),

@@ -136,14 +136,15 @@ def looks_like_a_place(cell: str) -> bool:
 
 
 def _are_references(texts: Sequence[str]) -> bool:
-    """Tell whether all numbers can be references: of five or six digits, of known areas, none of them number 0."""
-    numbers = [part for text in texts for part in re.findall(r"[0-9a-fx]+", text)]
+    """Tell whether all numbers can be references: of five or six digits, of known areas, none number 0; bits aside."""
+    places = [found["place"] if (found := _BIT.fullmatch(text)) else text for text in texts]
+    numbers = [part for place in places for part in re.findall(r"[0-9a-fx]+", place)]
     return len(numbers) > 0 and all(_is_reference(number) for number in numbers)
 
 
 def _begin_early(texts: Sequence[str]) -> bool:
     """Tell whether one of these references is one of the first of its area."""
-    return any(int(number[1:]) <= _EARLY for text in texts for number in re.findall(r"[0-9]+", text))
+    return any(int(number[1:]) <= _EARLY for text in texts for number in re.findall(r"[0-9]{5,6}", text))
 
 
 def _is_reference(text: str) -> bool:

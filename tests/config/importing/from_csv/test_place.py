@@ -81,6 +81,8 @@ def test_what_is_no_reference(cell):
     [
         ("Address", ["40001", "40003"], Addressing(is_reference=True, was_guessed=True)),
         ("Register", ["30001", "400001", "10017"], Addressing(is_reference=True, was_guessed=True)),
+        ("Address", ["400001", "400020.3"], Addressing(is_reference=True, was_guessed=True)),
+        ("Address", ["32080", "37000.1"], Addressing(was_guessed=True)),
         ("Address", ["40000", "40002"], Addressing()),  # 40000 is no reference, so none is
         ("Register address", ["32080", "37000"], Addressing(was_guessed=True)),  # as inverters have them
         ("Protocol address", ["40001", "40003"], Addressing()),

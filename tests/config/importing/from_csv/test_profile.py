@@ -97,6 +97,26 @@ def test_references_name_the_area_and_count_from_1():
     assert [(each.area, each.address) for each in (pump, fault)] == [("coils", 1), ("discrete", 0)]
 
 
+KEPWARE = """Tag Name,Address,Data Type,Respect Data Type,Client Access,Scan Rate,Scaling,Raw Low,Raw High,Scaled Low,\
+Scaled High,Scaled Data Type,Clamp Low,Clamp High,Eng Units,Description,Negate Value
+"Voltage","400001",Word,1,R/W,100,,,,,,,,,"V","",
+"Power","400003",Float,1,RO,100,,,,,,,,,,"",
+"Alarm","400020.3",Boolean,1,RO,1000,,,,,,,,,,"",
+"Run","000005",Boolean,1,R/W,1000,,,,,,,,,,"",
+"Energy","300011",DWord,1,RO,1000,Linear,0,1000,0,100,Double,0,0,,"",
+"""
+
+
+def test_tags_as_kepware_exports_them():
+    profile, why, _ = imported(KEPWARE)
+    voltage, power, alarm, run = points_in(profile)
+    assert (voltage.area, voltage.address, voltage.type, voltage.unit) == ("holding", 0, "uint16", "V")
+    assert [each.write for each in (voltage, power, alarm, run)] == ["yes", "no", "no", "yes"]
+    assert (power.address, power.type, alarm.address, alarm.bits) == (2, "float32", 19, (3, 3))
+    assert (run.area, run.address) == ("coils", 4)
+    assert why == ('table.csv: row 6: Energy: "linear" is no number',)
+
+
 MANUAL = """Register,Name,Type,Unit,Remark
 30001,Outside temperature,INT16,0.1 °C,7FFFh: no sensor
 30003-30004,Energy,UINT32,kWh,
