@@ -21,6 +21,7 @@ from gateway.fleet.calls import ANSWER_TIME, in_words, reason_of, result
 from gateway.fleet.client import MESSAGES_AT_ONCE, TolerantClient
 from gateway.fleet.counts import LostMessages
 from gateway.fleet.credentials import public_key, read_credentials, sign
+from gateway.fleet.headers import text_of
 from gateway.fleet.messages import Message
 from gateway.fleet.settings import Login, Server
 from gateway.ports.network import look_up
@@ -72,6 +73,11 @@ class NatsConnection:
         self._sending: asyncio.Task[None] | None = None
         self._delivered = 0
         self._buckets: dict[str, Bucket] = {}
+
+    @property
+    def server_version(self) -> str:
+        """The version that the server tells, such as `2.15.1`."""
+        return text_of(str(self._client._server_info.get("version", "")))  # noqa: SLF001 - its own property wants semver
 
     async def open(self) -> None:
         """Connect and log in.

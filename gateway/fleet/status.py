@@ -14,7 +14,8 @@ class FleetStatus:
     sites were received and `responses` sent; `busy` ones were rejected because too many were in progress, `expired`
     ones because their deadline had passed, `refused` ones because they name no instance of this gateway or have passed
     too many sites. `dropped` ones came with a subject that NATS should have rejected, the last one `last_dropped_ms`
-    ago. `unreadable` messages and those that `overflowed` a queue were not delivered.
+    ago. `unreadable` messages and those that `overflowed` a queue were not delivered. The server has told its
+    `server_version`; empty while there is no connection.
     """
 
     server: str
@@ -35,6 +36,7 @@ class FleetStatus:
     overflowed: int
     last_dropped_ms: float | None = None
     up_ms: float | None = None
+    server_version: str = ""
 
 
 @dataclass(frozen=True, slots=True)

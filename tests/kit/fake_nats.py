@@ -74,6 +74,7 @@ class FakeConnection:
     """A connection to `nats`, which stands in for gateway.fleet.connection.Connection."""
 
     nats: FakeNats
+    server_version = "2.15.1"
 
     def __init__(self, server, login, refused=lambda _: None, messages=None, warn=lambda _: None) -> None:
         self.login = login

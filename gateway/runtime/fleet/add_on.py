@@ -230,6 +230,7 @@ class Fleet(AddOn):
             overflowed=messages.overflowed,
             last_dropped_ms=1000 * (now - counts.dropped_at) if counts.dropped else None,
             up_ms=None if up_since is None else 1000 * (now - up_since),
+            server_version="" if link is None or link.connection is None else link.connection.server_version,
         )
 
     def metrics(self) -> Iterable[Family]:
