@@ -1,6 +1,6 @@
 """The state of a unit in the last minutes, as pages and `status` show it: one failure among many does not change it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -19,7 +19,7 @@ _ENOUGH: Final = 3
 class ShownState:
     """The state of a unit, and what it did in the last minutes."""
 
-    word: Literal["not asked", "fine", "failing", "resting"]
+    word: Literal["not asked", "fine", "failing", "resting", "line down"]
     use: UnitUse
 
 
@@ -33,9 +33,15 @@ def rests_ms(unit: UnitPicture, status: Status) -> float:
     return next((each.rests_ms for each in status.units if (each.unit, each.name) == (unit.unit, unit.name)), 0.0)
 
 
-def states_of(units: Iterable[Any], past: Past) -> Mapping[str, ShownState]:
-    """Find the states of units, by name."""
-    return dict(each_state(units, past))
+def states_of(units: Sequence[Any], past: Past, down: Container[str] = ()) -> Mapping[str, ShownState]:
+    """Find the states of units, by name; `down` has the names of lines that are down."""
+    states = dict(each_state(units, past))
+    return states | {each.name: ShownState("line down", states[each.name].use) for each in units if each.line in down}
+
+
+def lines_down(status: Status) -> frozenset[str]:
+    """Return the names of the lines and servers that are down; one on standby is not."""
+    return frozenset(each.name for each in status.all_lines if each.state == "down")
 
 
 def each_state(units: Iterable[Any], past: Past) -> Iterator[tuple[str, ShownState]]:

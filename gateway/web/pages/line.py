@@ -14,7 +14,7 @@ from gateway.operator.operator import Operator
 from gateway.operator.past import past_of
 from gateway.operator.status import recent_status
 from gateway.operator.trace_reader import latest
-from gateway.operator.unit_states import states_of
+from gateway.operator.unit_states import lines_down, states_of
 from gateway.operator.units import units_of
 from gateway.timing.history import UNIT_SLOTS
 from gateway.web.access.guard import VISITOR, Need
@@ -84,7 +84,11 @@ class LinePage:
             line_past=lambda: wanted and drawn(span, *wanted, name, [unit.name for unit in units]),
             hours=lambda: hours(past, name),
             shown_units=lambda: ShownUnits(
-                units, self._heat_map.rows(status.units, past, now), states_of(units, past), axis(past), with_page
+                units,
+                self._heat_map.rows(status.units, past, now),
+                states_of(units, past, lines_down(status)),
+                axis(past),
+                with_page,
             ),
         )
 

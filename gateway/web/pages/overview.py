@@ -28,7 +28,7 @@ ALL_SHOWN: Final = 32
 #: A wall panel shows no more lines and units than these, those with problems first: it cannot be scrolled.
 PANEL_LINES: Final = 10
 PANEL_UNITS: Final = 12
-_WRONG_FIRST: Final = {"resting": 0, "failing": 1}
+_WRONG_FIRST: Final = {"line down": 0, "resting": 0, "failing": 1}
 _SOME_LOST: Final = 2
 _FINE: Final = 3
 

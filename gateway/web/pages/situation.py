@@ -11,7 +11,7 @@ from gateway.operator.answers.trouble import Trouble
 from gateway.operator.operator import Operator
 from gateway.operator.past import past_of
 from gateway.operator.status import recent_status
-from gateway.operator.unit_states import ShownState, states_of
+from gateway.operator.unit_states import ShownState, lines_down, states_of
 from gateway.timing.history import UNIT_SLOTS, Past
 from gateway.tools.examinations import Examinations, Report
 
@@ -31,7 +31,7 @@ class Situation:
     @cached_property
     def states(self) -> Mapping[str, ShownState]:
         """The states of the units, by name."""
-        return states_of(self.status.units, self.past)
+        return states_of(self.status.units, self.past, lines_down(self.status))
 
     @cached_property
     def troubles(self) -> Sequence[Trouble]:

@@ -86,6 +86,15 @@ async def test_units_that_nobody_has_asked_are_shown_so(bench):
     assert "not asked" in (await bench.browser().get("/units/unused")).text
 
 
+async def test_units_of_a_line_that_is_down_are_not_counted_as_answering(bench):
+    await bench.inner.client().asks(6, "03 00 00 00 01")
+    bench.inner.lines["hall"].pull()
+    await asyncio.sleep(3)
+    page = Markup((await bench.browser().get("/")).text)
+    assert {row[1] for row in page.rows() if row[0].startswith(("press", "oven", "unused"))} == {"line down"}
+    assert "0/3 units answering" in " ".join(" ".join(page.texts).split())
+
+
 async def test_what_health_says_must_be_fixed_is_on_the_first_page(bench):
     for _ in range(3):
         await bench.inner.client().asks(7, "03 00 00 00 01")
