@@ -18,6 +18,8 @@ from typing import Any, Final
 ROOT: Final = Path(__file__).resolve().parents[1]
 FILE: Final = "deploy/project.toml"
 RECORD: Final = "pyproject.toml"
+#: Pages that say, as long as there is no release, what an address in `.example` means.
+UNRELEASED: Final = ("README.md", "docs/install.md", "docs/zh/install.md")
 FORMS: Final = {
     "source": r"https://[^/\s]+/\S*[^/\s]",
     "documentation": r"https://\S*[^/\s]",
@@ -91,6 +93,9 @@ def hindrances(root: Path, tag: str) -> list[str]:
     found = [f"{FILE}: {name} is a placeholder" for name, text in wanted(root).items() if ".example" in text]
     if wanted(root) != written(root):
         found.append(f"{FILE} is not what stands in the files: nox -s gen")
+    for page in UNRELEASED:
+        if "`.example`" in (root / page).read_text("utf-8"):
+            found.append(f"{page} says that there is no release: delete the sentence with `.example`")
     if tag != f"v{version}":
         found.append(f"the tag is {tag}, and gateway/version.py says {version}")
     if not changes or "not released" in changes[0]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from addresses import hindrances, main, wanted, write, written
+from addresses import UNRELEASED, hindrances, main, wanted, write, written
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 PLACEHOLDER = re.compile(rb"[\w.+-]*@?\b(?:[\w-]+\.)*modbus-gateway\.example\S*")
@@ -23,7 +23,9 @@ SMALL = {
     "pyproject.toml",
     "CHANGELOG.md",
     "gateway/version.py",
+    "README.md",
     "docs/install.md",
+    "docs/zh/install.md",
     "deploy/homeassistant/repository.yaml",
 }
 
@@ -120,11 +122,14 @@ def test_a_release_wants_addresses_and_its_version_and_its_changes(some):
     assert hindrances(some, "v7.0") == [
         *(f"deploy/project.toml: {name} is a placeholder" for name in NEW),
         "deploy/project.toml is not what stands in the files: nox -s gen",
+        *(f"{page} says that there is no release: delete the sentence with `.example`" for page in UNRELEASED),
         "the tag is v7.0, and gateway/version.py says 7.0.1",
         "CHANGELOG.md does not say that 7.0.1 is released",
     ]
     fill_in(some, NEW)
     (some / "CHANGELOG.md").write_text(f"## {version}, 2030-01-02\n")
+    for page in UNRELEASED:
+        (some / page).write_text((some / page).read_text().replace("`.example`", ""))
     assert hindrances(some, "v7.0.1") == ["deploy/project.toml is not what stands in the files: nox -s gen"]
     write(some)
     assert hindrances(some, "v7.0.1") == []
