@@ -93,9 +93,8 @@ def hindrances(root: Path, tag: str) -> list[str]:
     found = [f"{FILE}: {name} is a placeholder" for name, text in wanted(root).items() if ".example" in text]
     if wanted(root) != written(root):
         found.append(f"{FILE} is not what stands in the files: nox -s gen")
-    for page in UNRELEASED:
-        if "`.example`" in (root / page).read_text("utf-8"):
-            found.append(f"{page} says that there is no release: delete the sentence with `.example`")
+    pages = (page for page in UNRELEASED if "`.example`" in (root / page).read_text("utf-8"))
+    found += (f"{page} says that there is no release: delete the sentence with `.example`" for page in pages)
     if tag != f"v{version}":
         found.append(f"the tag is {tag}, and gateway/version.py says {version}")
     if not changes or "not released" in changes[0]:
