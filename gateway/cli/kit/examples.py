@@ -39,24 +39,35 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("write press register-40136 926 --show", "write a point, and show the old value and the new one"),
         ("write 17 coils 172 on", "switch a coil"),
         ("write silo-1 zero take", "write a point by one of its labels"),
-        ("write 46 holding 135 0x039E", "one register: function 06; several values: function 16"),
+        ("write boiler pump on", "one bit of a register"),
+        ("write 46 holding 135 0x039E", "one register: function 06"),
+        ("write 46 holding 135 10 258", "two registers: function 16"),
         ("write 46 holding 10 -2.5 float32 --swap words", "a number in two registers, the low word first"),
+        ("write 17 coils 172 on --port /dev/ttyUSB0 --baud 9600", "on a port without a gateway"),
         ("write 1 holding 0 7 --tcp 10.1.0.5", "at any Modbus TCP server"),
     ),
     "ask": (
         ("ask", "all that a gateway can be asked, with the parameters"),
+        ("ask unit unit=silo-1", "a unit with its points"),
+        ("ask scan line=hall-a units=1-32", "several answers, each on a line of its own"),
         ("ask why who=silo-1 count=3", "the answer as JSON, for a script"),
     ),
     "forget": (("forget silo-1", "it was replaced, or set back by hand: it is at the address in the config"),),
     "scan": (
         ("scan hall-a", "ask which units are on a line, in its idle time"),
-        ("scan 1-10 --port /dev/ttyUSB0 --all-speeds", "without a gateway, at all usual rates"),
+        ("scan hall-a 1-32", "only these units"),
+        ("scan --port /dev/ttyUSB0 --baud 9600", "on a port without a gateway"),
+        ("scan 1-10 --port /dev/ttyUSB0 --all-speeds", "the same, at all usual rates"),
     ),
     "trace": (
-        ("trace hall-a --unit silo-1", "what passes, until Ctrl-C"),
+        ("trace", "what passes on all lines, until Ctrl-C"),
+        ("trace hall-a --unit silo-1", "of one line, and one unit"),
         ("trace hall-a --since 5min", "the frames of the last five minutes"),
-        ("trace --why 46", "why requests to unit 46 failed; or those of a client, or on a line"),
+        ("trace --why 46", "why requests to unit 46 failed"),
+        ("trace --why 10.2.0.7", "why those of a client failed"),
+        ("trace --why hall-a", "why those on a line failed"),
         ("trace --since 1h --pcapng hall.pcapng", "a file for Wireshark"),
+        ("trace --pcapng - | wireshark -k -i -", "live in Wireshark"),
     ),
     "events": (
         ("events --since 24h --worst", "the warnings and errors of a day; what each means: docs/troubleshooting.md"),
@@ -65,9 +76,12 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     ),
     "calibrate": (
         ("calibrate silo-1 --for 10min", "how fast a device answers, and the limits that fit"),
+        ("calibrate silo-1", "the same from the traffic since the start"),
+        ("calibrate axis-1 --active --write 10-40", "also writes: the values that are there, back"),
         ("calibrate axis-1 --active --write-profile axis.toml", "read several sizes of its tables; make a profile"),
     ),
     "doctor": (
+        ("doctor", "look at everything"),
         ("doctor hall-a", "what is wrong with a line, and the remedy"),
         ("doctor --passive", "what is wrong with all, and send nothing"),
         ("doctor --config gateway.toml", "the gateway with this config; or what can be seen while it does not run"),
@@ -76,6 +90,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "support": (
         ("support bundle.tar.gz", "config without secrets, status, findings, trace, versions, in one file"),
         ("support bundle.tar.gz --no-trace", "the same without the values that passed on the lines"),
+        ("support bundle.tar.gz --config gateway.toml", "of the gateway with this config, running or not"),
     ),
     "bench": (
         ("bench hall-a", "read all units of a line in turn for a minute"),
@@ -95,6 +110,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "simulate": (
         ("simulate weigher:1 v80:6 --port /tmp/hall", "two devices on a virtual serial port"),
         ("simulate eastron-sdm630:1-3 --tcp 127.0.0.1:5502 --set 2:voltage-l1=207.5", "meters behind a server"),
+        ("simulate my-meter --config gateway.toml --port /tmp/meter --set flow=invalid", "a kind of your own"),
         ("simulate mint:1-3 --port /tmp/axes --noise 5%", "three devices; some responses are damaged"),
     ),
     "import": (
@@ -109,6 +125,9 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     ),
     "user": (
         ("user add anna --role operator", "a user of the web page; asks for the password"),
+        ("user add wall < password.txt", "reads the password from there"),
+        ("user password anna", "another password"),
+        ("user remove anna", "whose sessions end"),
         ("user mes --token --role operator", "a program; prints its token, once"),
         ("user list", "who may log in, and programs"),
     ),

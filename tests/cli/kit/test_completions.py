@@ -1,5 +1,6 @@
 """The completions and the examples: made of what the command line understands."""
 
+import re
 import subprocess
 from argparse import SUPPRESS
 from pathlib import Path
@@ -67,7 +68,7 @@ def test_every_command_has_an_example_in_its_help(verb, capsys):
 
 @pytest.mark.parametrize(("verb", "typed"), [(verb, typed) for verb in VERBS for typed, _ in EXAMPLES[verb]])
 def test_the_examples_can_be_understood(verb, typed):
-    words = typed.split(" > ")[0].split()
+    words = re.split(r" [>|<] ", typed)[0].split()
     assert words[0] == verb
     parser_of_all()[1][verb].parse_args(words[1:])
 
