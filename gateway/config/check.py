@@ -136,7 +136,8 @@ def _look_at_ports(config: Config, port_trouble: PortTrouble) -> Iterator[Proble
     for line in config.line:
         trouble = port_trouble(line.port) if isinstance(line.port, str) else None
         if trouble is not None:
-            remedy = "the line waits for it; modbus-gateway ports lists those that exist"
+            says_how = trouble.startswith("this user may not")
+            remedy = "" if says_how else "the line waits for it; modbus-gateway ports lists those that exist"
             yield warning((*line.path, "port"), trouble, remedy)
 
 

@@ -43,6 +43,11 @@ def test_a_port_that_cannot_be_used_is_a_warning():
     assert problems(LINE.replace("/dev/a", "/dev/b"), port_trouble=trouble.get) == []
 
 
+def test_a_port_that_this_user_may_not_open_is_not_waited_for():
+    trouble = {"/dev/a": "this user may not open it: ask for it"}
+    assert problems(LINE, port_trouble=trouble.get) == ["warning: line[0].port: this user may not open it: ask for it"]
+
+
 def test_what_has_no_effect_is_told_once():
     assert problems('site = "plant-2"\n' + LINE) == ["warning: site: has no effect without [web], [mqtt] or [fleet]"]
 
