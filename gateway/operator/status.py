@@ -103,7 +103,8 @@ async def _with_troubles(operator: Operator) -> Status:
     else:
         found = each_state(whole.units, operator.history.last(operator.clock(), SLOTS))
     states = dict(await in_slices(found))
-    return replace(whole, troubles=tuple(troubles(whole, states)))
+    is_rejected = not operator.running.reload_succeeded
+    return replace(whole, troubles=tuple(troubles(whole, states, is_rejected=is_rejected)))
 
 
 async def status_in_slices(running: "Running") -> Status:

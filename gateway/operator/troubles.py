@@ -1,22 +1,27 @@
-"""What is wrong now: lines that are down or full, the broker, and units that rest or fail."""
+"""What is wrong now: lines that are down or full, the broker, a rejected config, and units that rest or fail."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from gateway.lines.counts import UNSENT
 from gateway.operator.answers.status import LineStatus, Status, UpstreamStatus
 from gateway.operator.answers.trouble import FULL, Trouble
 from gateway.operator.unit_states import ShownState
 
+#: What is wrong if the last config was not accepted.
+REJECTED: Final = "the config was rejected when it was last read: the gateway goes on with the one before"
 
-def troubles(status: Status, states: Mapping[str, ShownState]) -> Iterator[Trouble]:
-    """Yield what is wrong now, lines and the broker first."""
+
+def troubles(status: Status, states: Mapping[str, ShownState], *, is_rejected: bool = False) -> Iterator[Trouble]:
+    """Yield what is wrong now, lines and the broker first. `is_rejected`: the last config was not accepted."""
     for each in status.all_lines:
         if each.state == "down":
             yield Trouble("down", "lines", each.name, reason=each.reason)
     for broker in status.brokers:
         if broker.state == "down":
             yield Trouble("down", "", f"broker {broker.broker}", reason=broker.reason)
+    if is_rejected:
+        yield Trouble("fix", "", "config", reason=REJECTED)
     busy: tuple[LineStatus | UpstreamStatus, ...] = (*status.lines, *status.upstreams)
     for line in busy:
         share = line.busy_share or 0.0

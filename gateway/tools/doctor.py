@@ -27,6 +27,7 @@ from gateway.operator.answers.doctor import Examination
 from gateway.operator.asked import ToExamine
 from gateway.operator.operation import Asker, IsThere
 from gateway.operator.operator import Operator
+from gateway.operator.troubles import REJECTED
 from gateway.operator.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
@@ -141,8 +142,7 @@ def _about_state(running: Running) -> Iterator[Finding]:
 
 def _about_config(running: Running) -> Iterator[Finding]:
     if not running.reload_succeeded:
-        what = "the config was rejected when it was last read: the gateway goes on with the one before"
-        yield Finding("fix", "config", what, "modbus-gateway check FILE says why; then modbus-gateway reload")
+        yield Finding("fix", "config", REJECTED, "modbus-gateway check FILE says why; then modbus-gateway reload")
 
 
 def _about_page(running: Running) -> Iterator[Finding]:

@@ -351,6 +351,14 @@ async def test_over_http_it_may_be_a_second_old_and_at_the_control_socket_it_is_
         assert (await tell_status(operator, Nothing(), over_http)).at == pytest.approx(first.at + 1.0)
 
 
+async def test_a_config_that_was_rejected_is_wrong_until_one_is_accepted() -> None:
+    async with gateway_bench(CONFIG) as bench:
+        for succeeded, wrong in ((True, []), (False, [("fix", "config")]), (True, [])):
+            bench.running.reload_succeeded = succeeded
+            told = await tell_status(Operator(bench.running, None), Nothing(), Asker(AT_CONTROL, lambda: True))
+            assert [(each.kind, each.name) for each in told.troubles] == wrong
+
+
 async def test_what_is_wrong_is_told_and_one_failure_of_a_unit_that_answers_is_not() -> None:
     async with gateway_bench(CONFIG) as bench:
         operator, client = Operator(bench.running, None), bench.client()

@@ -324,7 +324,7 @@ def tried_out(operation: Any, address: str, sent: dict[str, str]) -> set[int]:
         return statuses
 
     @hypothesis.settings(
-        max_examples=4 if operation.path.endswith("/reload") else 8,  # each of which starts a process
+        max_examples=6 if operation.path.endswith("/reload") else 12,  # each of which starts a process
         deadline=None,
         derandomize=True,
         database=None,

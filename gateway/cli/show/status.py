@@ -102,6 +102,8 @@ def _what_is_wrong(troubles: tuple[Trouble, ...], about: list[Note], status: Sta
 def _in_words(trouble: Trouble) -> str:
     if trouble.kind == "full":
         return f"busy for {trouble.share:.0%} of the time"
+    if trouble.kind == "fix":
+        return f"{trouble.reason}; modbus-gateway check says why"
     if trouble.page != "units" or not trouble.requests:
         return f"{trouble.kind}: {trouble.reason}"
     lost = f"{trouble.share:.0%} of {trouble.requests} requests without an answer in the last minutes"

@@ -396,6 +396,11 @@ def test_what_is_told_of_a_trouble_is_no_note_besides() -> None:
     assert "Notes" not in text
 
 
+def test_a_rejected_config_is_told_with_the_command_that_says_why() -> None:
+    text = plain(show_status(replace(STATUS, troubles=(Trouble("fix", "", "config", reason="rejected"),))))
+    assert text.startswith("What is wrong\n  config: rejected; modbus-gateway check says why\n")
+
+
 def test_one_line_has_its_units_and_what_shows_their_values() -> None:
     other = replace(UNIT, line="hall-b", name="mixer", unit=43)
     whole = replace(BAD, units=(*BAD.units, other), mirrors=(*BAD.mirrors,))
