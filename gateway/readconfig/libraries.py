@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from gateway.version import __version__
 
 _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "web": ("aiohttp", "jinja2", "prometheus_client"),
@@ -23,6 +22,6 @@ def missing_library(extra: str) -> str | None:
 def not_installed(module: str | None, extra: str) -> str:
     """Say that a module of an extra is missing, and how to install it."""
     environment = Path(sys.prefix)  # of pipx, or of the program that the gateway is a part of
-    wanted = f'"mbgw[web,mqtt,fleet,yaml]=={__version__}"'
     command = "pipx install --force" if "pipx" in environment.parts else f"{environment / 'bin' / 'pip'} install"
-    return f"{module} is not installed: mbgw was installed without [{extra}]; {command} {wanted}"
+    what = f"{module} is not installed: mbgw was installed without [{extra}]"
+    return f'{what}; {command} "WHEEL[web,mqtt,fleet,yaml]", with its wheel as WHEEL'

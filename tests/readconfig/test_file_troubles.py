@@ -10,7 +10,6 @@ import pytest
 from gateway.config.load import load
 from gateway.readconfig.file_troubles import with_file_troubles
 from gateway.readconfig.libraries import not_installed
-from gateway.version import __version__
 from kit.browser import CHEAP_HASH
 
 CONFIG = """\
@@ -188,7 +187,7 @@ def test_what_installs_a_missing_library_keeps_the_version(environment, command,
     monkeypatch.setattr("sys.prefix", environment)
     assert not_installed("aiohttp", "web") == (
         "aiohttp is not installed: mbgw was installed without [web]; "
-        f'{command} "mbgw[web,mqtt,fleet,yaml]=={__version__}"'
+        f'{command} "WHEEL[web,mqtt,fleet,yaml]", with its wheel as WHEEL'
     )
 
 
