@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-
 _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "web": ("aiohttp", "jinja2", "prometheus_client"),
     "mqtt": ("paho",),
