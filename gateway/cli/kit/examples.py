@@ -34,6 +34,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("read 46 holding 10 int32 --swap words", "a number in two registers, the low word first"),
         ("read 1 input 0-3 float32 --tcp 10.1.0.5", "ask any Modbus TCP server"),
         ("read 1 holding 0 float32 --port /dev/ttyUSB0 --baud 9600", "ask a device on a port without a gateway"),
+        ("read 17 coils 0-15 --port /dev/ttyUSB0 --baud 9600 --format 8N1", "the same, in another character format"),
     ),
     "write": (
         ("write press register-40136 926 --show", "write a point, and show the old value and the new one"),
@@ -54,7 +55,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     ),
     "forget": (("forget silo-1", "it was replaced, or set back by hand: it is at the address in the config"),),
     "scan": (
-        ("scan hall-a", "ask which units are on a line, in its idle time"),
+        ("scan hall-a", "all units that the config does not name, in the idle time of the line"),
         ("scan hall-a 1-32", "only these units"),
         ("scan --port /dev/ttyUSB0 --baud 9600", "on a port without a gateway"),
         ("scan 1-10 --port /dev/ttyUSB0 --all-speeds", "the same, at all usual rates"),
@@ -77,7 +78,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "calibrate": (
         ("calibrate silo-1 --for 10min", "how fast a device answers, and the limits that fit"),
         ("calibrate silo-1", "the same from the traffic since the start"),
-        ("calibrate axis-1 --active --write 10-40", "also writes: the values that are there, back"),
+        ("calibrate axis-1 --active --write 10-40", "write too: to these registers what they hold"),
         ("calibrate axis-1 --active --write-profile axis.toml", "read several sizes of its tables; make a profile"),
     ),
     "doctor": (
@@ -90,7 +91,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "support": (
         ("support bundle.tar.gz", "config without secrets, status, findings, trace, versions, in one file"),
         ("support bundle.tar.gz --no-trace", "the same without the values that passed on the lines"),
-        ("support bundle.tar.gz --config gateway.toml", "of the gateway with this config, running or not"),
+        ("support bundle.tar.gz --config gateway.toml", "of the gateway with this config; it need not run"),
     ),
     "bench": (
         ("bench hall-a", "read all units of a line in turn for a minute"),
@@ -110,7 +111,7 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "simulate": (
         ("simulate weigher:1 v80:6 --port /tmp/hall", "two devices on a virtual serial port"),
         ("simulate eastron-sdm630:1-3 --tcp 127.0.0.1:5502 --set 2:voltage-l1=207.5", "meters behind a server"),
-        ("simulate my-meter --config gateway.toml --port /tmp/meter --set flow=invalid", "a kind of your own"),
+        ("simulate my-meter --config gateway.toml --port /tmp/meter --set flow=invalid", "a profile of your own"),
         ("simulate mint:1-3 --port /tmp/axes --noise 5%", "three devices; some responses are damaged"),
     ),
     "import": (
@@ -126,8 +127,8 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
     "user": (
         ("user add anna --role operator", "a user of the web page; asks for the password"),
         ("user add wall < password.txt", "reads the password from there"),
-        ("user password anna", "another password"),
-        ("user remove anna", "whose sessions end"),
+        ("user password anna", "set another password"),
+        ("user remove anna", "remove her, and end her sessions"),
         ("user mes --token --role operator", "a program; prints its token, once"),
         ("user list", "who may log in, and programs"),
     ),
