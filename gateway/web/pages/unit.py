@@ -10,6 +10,7 @@ from gateway.errors import WrongQuestion
 from gateway.lines.counts import RESULTS
 from gateway.modbus.codes import Area
 from gateway.operator.answer_times import answer_times
+from gateway.operator.answers.status import Status, UnitStatus
 from gateway.operator.answers.unit import UnitPicture
 from gateway.operator.complaint import complaint_of, exception_name
 from gateway.operator.failures import failures
@@ -20,7 +21,7 @@ from gateway.operator.passed import Passed, passed
 from gateway.operator.past import past_of
 from gateway.operator.requests import ask_for
 from gateway.operator.status import part_of_unit, recent_status
-from gateway.operator.unit_states import SLOTS, rests_ms, states_of
+from gateway.operator.unit_states import SLOTS, lines_down, rests_ms, states_of
 from gateway.operator.unit_values import read, values_at
 from gateway.operator.values import Outcome
 from gateway.profiles.point import NO_VALUE, Point
@@ -75,7 +76,8 @@ class UnitPage:
         except WrongQuestion as wrong:
             failed, why = (), str(wrong)
         times = answer_times(self._operator.gateway, unit)
-        status = await self._status(unit)
+        all_states = await recent_status(self._operator)
+        status, down = _status_of(unit, all_states), lines_down(all_states)
         trend = await trend_to_show(self._operator, unit, asker_of(request), request.query)
         return await self._renderer.page(
             "unit.html",
@@ -84,7 +86,7 @@ class UnitPage:
             unit=unit,
             status=status,
             made=await part_of_unit(self._operator.gateway, unit.unit, unit.name) if unit.kind == "custom" else None,
-            state=None if status is None else states_of([status], past_of(self._operator, SLOTS))[status.name],
+            state=None if status is None else states_of([status], past_of(self._operator, SLOTS), down)[status.name],
             times=[(each, plotted(each)) for each in times],
             function_name=function_name,
             exception_name=exception_name,
@@ -145,9 +147,9 @@ class UnitPage:
             **self._rights.of(unit, visitor).as_content(),
         )
 
-    async def _status(self, unit: UnitPicture) -> Any:
-        units = (await recent_status(self._operator)).units
-        return next((each for each in units if each.unit == unit.unit and each.name == unit.name), None)
+
+def _status_of(unit: UnitPicture, status: Status) -> UnitStatus | None:
+    return next((each for each in status.units if each.unit == unit.unit and each.name == unit.name), None)
 
 
 def _kinds(status: Any) -> list[tuple[str, int]]:

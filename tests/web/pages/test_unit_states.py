@@ -93,6 +93,7 @@ async def test_units_of_a_line_that_is_down_are_not_counted_as_answering(bench):
     page = Markup((await bench.browser().get("/")).text)
     assert {row[1] for row in page.rows() if row[0].startswith(("press", "oven", "unused"))} == {"line down"}
     assert "0/3 units answering" in " ".join(" ".join(page.texts).split())
+    assert "line down" in (await bench.browser().get("/units/press")).text
 
 
 async def test_what_health_says_must_be_fixed_is_on_the_first_page(bench):
