@@ -183,7 +183,7 @@ def not_as_root():
         ("/srv/plant/venv", "/srv/plant/venv/bin/pip install"),
     ],
 )
-def test_what_installs_a_missing_library_keeps_the_version(environment, command, monkeypatch):
+def test_a_missing_library_is_told_with_the_command_that_installs_it(environment, command, monkeypatch):
     monkeypatch.setattr("sys.prefix", environment)
     assert not_installed("aiohttp", "web") == (
         "aiohttp is not installed: mbgw was installed without [web]; "
