@@ -1,7 +1,7 @@
 """The table of all operations, by name, with the types of parameters and results.
 
-A new one is described here. The function that answers is at `by`; its parameters and
-its result are dataclasses in `asked` and `answers`.
+A new one is described here. The function that answers is at `by`; its parameters and its result are dataclasses in
+`asked` and `answers`.
 
 Neither these functions nor the types of results are loaded here: the commands of this program use the same table, and
 must start quickly.

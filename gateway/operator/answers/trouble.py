@@ -12,7 +12,7 @@ _BADNESS: Final = ("down", "resting", "fix", "full", "failing")
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """What is wrong with the line, unit or broker of this name; a `reason` is in the gateway's words.
+    """What is wrong with the line, unit or broker of this name, or the config; a `reason` is in the gateway's words.
 
     `share` is the share of time in which a line was busy, or of unanswered `requests` of a unit in the last minutes; of
     these, `unsent` were not sent, most often for the result `unsent_for`. A resting unit is left alone for `rests_ms`
