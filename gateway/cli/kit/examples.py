@@ -89,7 +89,10 @@ EXAMPLES: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
         ("doctor --hardware-report /dev/ttyUSB0 --unit 1 --baud 9600", "what an adapter does, for a report"),
     ),
     "support": (
-        ("support bundle.tar.gz", "config without secrets, status, findings, trace, versions, in one file"),
+        (
+            "support bundle.tar.gz",
+            "config without secrets, status, findings, trace, versions, in one file; of the service with sudo",
+        ),
         ("support bundle.tar.gz --no-trace", "the same without the values that passed on the lines"),
         ("support bundle.tar.gz --config gateway.toml", "of the gateway with this config; it need not run"),
     ),
