@@ -22,7 +22,7 @@ TABLES = frozenset(
 #: What such a table says of a point. One object for all that is known of a failure: a second one would cost the ring
 #: 50 bytes more.
 #: And what the rules of `doctor` look at: a line, a unit, each fact for itself. And the status, with a list for each
-#: kind of part, and what it says of a broker. And the event with the most to tell.
+#: kind of part, and what it says of a broker and of NATS. And the event with the most to tell.
 RECORDS = frozenset(
     {
         "gateway.profiles.point.Point",
@@ -32,6 +32,7 @@ RECORDS = frozenset(
         "gateway.diagnosis.evidence.UnitEvidence",
         "gateway.operator.answers.status.Status",
         "gateway.plant.status.BrokerStatus",
+        "gateway.fleet.status.FleetStatus",
     }
 )
 #: Not split yet.

@@ -210,7 +210,7 @@ def test_check_sums_are_right_where_they_were_also_for_ascii(asked: GatewayProce
         (["--why", "46", "--pcapng", "x"], "leave one of them out"),
         (["--why", "46", "--since", "5min"], "modbus-gateway trace --why 46"),
         (["--json", "--pcapng", "x"], "leave one of them out"),
-        (["-n", "none"], "write one such as 10"),
+        (["-n", "none"], "write a number such as 10"),
         (["--why", "46", "-n", "1000"], "-n 50 at most"),
     ],
 )

@@ -124,7 +124,7 @@ def _make(file: Path, site: str) -> str:
 
 def _with_passwords(hub: Hub, logins: Mapping[str, Login]) -> dict[str, Login]:
     """Give each site with a leaf node a password, unless it has one, and take it from all others."""
-    made = {site: login._replace(password="") for site, login in logins.items()}
+    made = {site: Login(login.key) for site, login in logins.items()}
     for site in hub.leaf_nodes:
         made[site] = logins[site]._replace(password=logins[site].password or secrets.token_urlsafe(32))
     return made
