@@ -5,6 +5,8 @@ import re
 
 import pytest
 
+from gateway.images.drivers.custom_driver import CustomDriver
+from gateway.runtime import custom_images
 from kit.browser import web_bench
 
 CONFIG = """
@@ -48,9 +50,12 @@ class Clock(CustomUnit):
 async def bench(tmp_path, monkeypatch, request):
     (tmp_path / "units_for_pages.py").write_text(UNIT)
     monkeypatch.syspath_prepend(tmp_path)
+
+    def in_this_loop(settings, unit, loop, emit, ring, _there, turn) -> CustomDriver:
+        return CustomDriver(settings, unit, loop, emit, ring, None, turn)  # a thread has no virtual time
+
+    monkeypatch.setattr(custom_images, "CustomDriver", in_this_loop)
     async with web_bench(request.param, tmp_path) as bench:
-        for driver in bench.running.builder.custom._drivers:  # a thread has no virtual time
-            driver._here = driver._there = asyncio.get_running_loop().call_soon
         yield bench
 
 
