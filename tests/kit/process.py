@@ -62,6 +62,7 @@ def command(*words: str, env: Mapping[str, str] | None = None) -> subprocess.Com
         finally:
             process.kill()
         said = [os.pread(file.fileno(), os.fstat(file.fileno()).st_size, 0).decode() for file in (out, err)]
+    sys.stderr.write(said[1])  # shown when the test fails
     return subprocess.CompletedProcess([*COMMAND, *words], code, *said)
 
 
