@@ -12,8 +12,8 @@ from typing import Any, Final, get_type_hints
 
 from deploy.api_schemas import PLACE, Schema, reference_to, schema_of, schemas_of, without_null
 from gateway.errors import ExceptionReceived, WrongQuestion
-from gateway.operator.answers.running import Reloaded
-from gateway.operator.answers.status import (
+from gateway.operator.operations.answers.running import Reloaded
+from gateway.operator.operations.answers.status import (
     ImageStatus,
     LineStatus,
     MirrorStatus,
@@ -23,11 +23,11 @@ from gateway.operator.answers.status import (
     UpstreamStatus,
     VirtualStatus,
 )
-from gateway.operator.answers.unit import UnitHead
-from gateway.operator.asked import PointsToWrite, PointToWrite, ToSupport, ValuesToWrite
-from gateway.operator.operation import Operation
-from gateway.operator.operations import OPERATIONS
-from gateway.operator.parameters import Parameter, parameters_of
+from gateway.operator.operations.answers.unit import UnitHead
+from gateway.operator.operations.asked import PointsToWrite, PointToWrite, ToSupport, ValuesToWrite
+from gateway.operator.operations.operation import Operation
+from gateway.operator.operations.parameters import Parameter, parameters_of
+from gateway.operator.operations.table import OPERATIONS
 from gateway.web.api.operations import NAMED, ROOT, Operations
 from gateway.web.api.session import Session
 from gateway.web.api.trace import RecordsToCapture, RecordsToFollow

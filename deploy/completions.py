@@ -13,7 +13,7 @@ import shtab
 
 from gateway.cli.main import parser_of_all
 from gateway.cli.verbs.completion import SCRIPTS
-from gateway.operator.operations import BY_NAME
+from gateway.operator.operations.table import BY_NAME
 
 COMPLETIONS: Final = Path(__file__).parents[1] / "gateway" / "cli" / "completions"
 

@@ -10,13 +10,13 @@ import gateway.errors
 from gateway.config.problem import Severity
 from gateway.diagnosis.finding import Level
 from gateway.modbus.codes import Area
-from gateway.operator.answers import status
-from gateway.operator.answers.known_values import ValueState
-from gateway.operator.answers.trouble import Trouble
-from gateway.operator.answers.values import CellState
-from gateway.operator.asked import LEVELS
-from gateway.operator.complaint import WHYS, exception_name
-from gateway.operator.unit_states import ShownState
+from gateway.operator.operations.answers import status
+from gateway.operator.operations.answers.known_values import ValueState
+from gateway.operator.operations.answers.trouble import Trouble
+from gateway.operator.operations.answers.values import CellState
+from gateway.operator.operations.asked import LEVELS
+from gateway.operator.status.unit_states import ShownState
+from gateway.operator.values.complaint import WHYS, exception_name
 from gateway.readconfig.page_users import ROLES
 from gateway.registers.datatypes import SWAPS
 from gateway.trace.pdus import EXCEPTIONS, FUNCTIONS

@@ -30,7 +30,7 @@ RECORDS = frozenset(
         "gateway.trace.records.Incident",
         "gateway.diagnosis.evidence.LineEvidence",
         "gateway.diagnosis.evidence.UnitEvidence",
-        "gateway.operator.answers.status.Status",
+        "gateway.operator.operations.answers.status.Status",
         "gateway.plant.status.BrokerStatus",
         "gateway.fleet.status.FleetStatus",
     }

@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import is_dataclass
 from typing import Any, Final, TypeVar
 
-from gateway.operator.json_text import pieces
-from gateway.operator.operation import Operation
-from gateway.operator.parameters import fields_of
-from gateway.operator.results import NotUnderstoodError, read_result
+from gateway.operator.operations.json_text import pieces
+from gateway.operator.operations.operation import Operation
+from gateway.operator.operations.parameters import fields_of
+from gateway.operator.operations.results import NotUnderstoodError, read_result
 
 P = TypeVar("P")
 R = TypeVar("R")

@@ -5,8 +5,8 @@
                      {"version": "0.1.0", "ok": true, "unit": {"unit": 41, "points": [...], ...}}
 {"verb": "unit"}     {"version": "0.1.0", "ok": false, "error": "..."}
 
-The verbs, their parameters and their results are those of the table of all operations (`operator/operations.py`). Some
-have several answers, one after the other, and then {"ok": true, "end": true}; they stop early if the client is gone.
+The verbs, their parameters and their results are those of all operations (`operator/operations/table.py`). Some have
+several answers, one after the other, and then {"ok": true, "end": true}; they stop early if the client is gone.
 `messages.py` makes these objects and reads them.
 
 The client may be another version: keys may differ, and `version` says why.
@@ -28,13 +28,13 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.control.messages import END, answer_of, line_of
 from gateway.errors import WrongQuestion
 from gateway.events import ControlClosed, Emit, PartFailed
-from gateway.operator.answers.status import Status
-from gateway.operator.answers.unit import UnitPicture, Units
-from gateway.operator.operation import Asker, Operation
-from gateway.operator.operations import BY_NAME
+from gateway.operator.operations.answers.status import Status
+from gateway.operator.operations.answers.unit import UnitPicture, Units
+from gateway.operator.operations.operation import Asker, Operation
+from gateway.operator.operations.parameters import read_parameters
+from gateway.operator.operations.table import BY_NAME
 from gateway.operator.operator import Operator
-from gateway.operator.parameters import read_parameters
-from gateway.operator.requests import AT_CONTROL
+from gateway.operator.values.requests import AT_CONTROL
 from gateway.runtime.garbage import no_collection
 from gateway.version import __version__
 

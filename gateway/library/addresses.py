@@ -8,7 +8,7 @@ from typing import Final
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
-from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.profiles.profile import width_at
 from gateway.registers.items import MOST_WIDE, REGISTER, has_bits, most_written
 

@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway import errors
 from gateway.errors import RequestError
-from gateway.operator.complaint import Complaint
+from gateway.operator.values.complaint import Complaint
 
 #: Makes an error that says this.
 Make = Callable[[str], RequestError]

@@ -5,10 +5,10 @@ from typing import Final
 
 from gateway.modbus.codes import EXCEPTION_BIT, Area
 from gateway.modbus.pdu import Span, parse_sent
-from gateway.operator.kept import sampled
-from gateway.operator.operation import Asker
-from gateway.operator.reached import image_of
-from gateway.operator.requests import AwaitedOrigin
+from gateway.operator.images.kept import sampled
+from gateway.operator.operations.operation import Asker
+from gateway.operator.units.reached import image_of
+from gateway.operator.values.requests import AwaitedOrigin
 from gateway.request import Request
 from gateway.runtime.gateway import Gateway
 

@@ -14,16 +14,16 @@ from gateway.library.reading import Reading, reading_of_age
 from gateway.library.sampled import Sampled
 from gateway.modbus.codes import EXCEPTION_BIT, MAX_PDU, Area
 from gateway.modbus.pdu import Span
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.complaint import Complaint
-from gateway.operator.last_values import readable
-from gateway.operator.operation import Asker
+from gateway.operator.operations.answers.unit import UnitPicture
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import Readable, ReadableHoles, holes_of
-from gateway.operator.requests import Ask, AwaitedOrigin, ask_for, send
-from gateway.operator.unit_values import assigned, carried_out, point_named
-from gateway.operator.units import known_picture
-from gateway.operator.values import Outcome, Step, Steps, reading, writing
+from gateway.operator.units.reached import Readable, ReadableHoles, holes_of
+from gateway.operator.units.units import known_picture
+from gateway.operator.values.complaint import Complaint
+from gateway.operator.values.last_values import readable
+from gateway.operator.values.requests import Ask, AwaitedOrigin, ask_for, send
+from gateway.operator.values.steps import Outcome, Step, Steps, reading, writing
+from gateway.operator.values.unit_values import assigned, carried_out, point_named
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading as PointRead

@@ -19,12 +19,12 @@ from gateway.lines.breaker import FAILURES
 from gateway.modbus.codes import EXCEPTION_BIT
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
-from gateway.operator.answers.bench import BenchProgress, BenchRead, BenchResult, BenchStep
-from gateway.operator.asked import ToMeasure
-from gateway.operator.operation import Asker, IsThere
+from gateway.operator.operations.answers.bench import BenchProgress, BenchRead, BenchResult, BenchStep
+from gateway.operator.operations.asked import ToMeasure
+from gateway.operator.operations.operation import Asker, IsThere
 from gateway.operator.operator import Operator
-from gateway.operator.requests import AwaitedOrigin
-from gateway.operator.units import find_line, find_unit
+from gateway.operator.units.units import find_line, find_unit
+from gateway.operator.values.requests import AwaitedOrigin
 from gateway.profiles.holes import Holes
 from gateway.profiles.read_rules import ReadRules
 from gateway.registers.items import read_request

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from gateway.config.reading.masking import MASK
-from gateway.operator.answers.support import Document
+from gateway.operator.operations.answers.support import Document
 from gateway.version import __version__
 
 #: The most characters of one document, and of all.

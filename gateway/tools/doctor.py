@@ -23,12 +23,12 @@ from gateway.diagnosis.units import ENOUGH as ENOUGH_IN_A_ROW
 from gateway.diagnosis.units import about_unit
 from gateway.errors import WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.operator.answers.doctor import Examination
-from gateway.operator.asked import ToExamine
-from gateway.operator.operation import Asker, IsThere
+from gateway.operator.operations.answers.doctor import Examination
+from gateway.operator.operations.asked import ToExamine
+from gateway.operator.operations.operation import Asker, IsThere
 from gateway.operator.operator import Operator
-from gateway.operator.troubles import REJECTED
-from gateway.operator.units import may_read_all, no_such_line
+from gateway.operator.status.troubles import REJECTED
+from gateway.operator.units.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
 from gateway.runtime.gateway import Owner

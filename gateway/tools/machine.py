@@ -21,7 +21,7 @@ from gateway.config.machine.profile_folders import file_of, folders_of, names_in
 from gateway.config.problem import Problem
 from gateway.config.reading.masking import masked
 from gateway.hardware.listing import describe_adapter, list_serial_ports
-from gateway.operator.answers.support import Document
+from gateway.operator.operations.answers.support import Document
 from gateway.tools.hardware_report import about_machine
 
 #: The most own profiles, entries of the state directory, and lines of the log.

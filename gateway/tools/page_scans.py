@@ -16,9 +16,9 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.config.machine.known_kinds import known_kinds
 from gateway.errors import PortError, WrongQuestion
 from gateway.lines.line import Line
-from gateway.operator.answers.scan import Found, Progress
-from gateway.operator.asked import ToScan
-from gateway.operator.operation import Asker
+from gateway.operator.operations.answers.scan import Found, Progress
+from gateway.operator.operations.asked import ToScan
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.ports.port import SerialSettings
 from gateway.runtime.gateway_line import GatewayLine

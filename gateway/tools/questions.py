@@ -6,7 +6,7 @@ from typing import Final
 
 from gateway.errors import RequestError
 from gateway.modbus.codes import Area, FunctionCode
-from gateway.operator.requests import AwaitedOrigin
+from gateway.operator.values.requests import AwaitedOrigin
 from gateway.profiles.profile import Profile
 from gateway.request import Request, Target
 

@@ -28,8 +28,8 @@ from gateway.errors import (
 from gateway.lines.transaction import ScanTransaction
 from gateway.modbus.codes import BROADCAST_UNIT, EXCEPTION_BIT
 from gateway.modbus.pdu import parse_request
-from gateway.operator.answers.scan import Found, Progress, SunSpecModel
-from gateway.operator.requests import AwaitedOrigin
+from gateway.operator.operations.answers.scan import Found, Progress, SunSpecModel
+from gateway.operator.values.requests import AwaitedOrigin
 from gateway.profiles.recognition import KnownKind, Recognised, recognise
 from gateway.request import Request
 from gateway.runtime.gateway_line import GatewayLine

@@ -10,12 +10,12 @@ from gateway.config.problem import WrongValue
 from gateway.config.values.unitset import parse_units, show_units
 from gateway.errors import PortError, WrongQuestion
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
-from gateway.operator.answers.scan import Progress, ScanStep
-from gateway.operator.asked import ToScan
-from gateway.operator.operation import Asker
+from gateway.operator.operations.answers.scan import Progress, ScanStep
+from gateway.operator.operations.asked import ToScan
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.trace_reader import may_see_all
-from gateway.operator.units import find_line, may_read_all
+from gateway.operator.trace.reader import may_see_all
+from gateway.operator.units.units import find_line, may_read_all
 from gateway.ports.port import SerialSettings
 from gateway.profiles.recognition import KnownKind
 from gateway.runtime.gateway_line import GatewayLine

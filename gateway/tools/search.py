@@ -17,7 +17,7 @@ from gateway.errors import PortError, WrongQuestion
 from gateway.lines.driver import LineDriver
 from gateway.lines.line import Line
 from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
-from gateway.operator.operation import IsThere
+from gateway.operator.operations.operation import IsThere
 from gateway.ports.port import SerialSettings
 from gateway.ports.reconnector import OPENING_DEADLINE
 from gateway.profiles.profile import Profile

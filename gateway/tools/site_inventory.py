@@ -11,7 +11,7 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.config.plan.settings import Plan
 from gateway.diagnosis.finding import Finding
 from gateway.fleet.inventory import OwnInventory, SiteAdapter, SiteCertificate, SiteFinding
-from gateway.operator.answers.inventory import InventoryAdapter
+from gateway.operator.operations.answers.inventory import InventoryAdapter
 from gateway.readconfig.expiry import certificates
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
@@ -54,7 +54,7 @@ async def own_inventory(running: Running, reloader: Reloader) -> OwnInventory:
 
 
 def _seen(plan: Plan, text: str) -> tuple[str, tuple[InventoryAdapter, ...]]:
-    from gateway.operator.inventory import look_at_machine  # noqa: PLC0415 - most gateways are in no fleet
+    from gateway.operator.fleet.inventory import look_at_machine  # noqa: PLC0415 - most gateways are in no fleet
 
     return look_at_machine(plan, text)
 

@@ -16,18 +16,18 @@ from gateway.clock.slices import turn
 from gateway.clock.threads import ThreadPerCall
 from gateway.config.reading.masking import secrets_in
 from gateway.errors import ConfigError, WrongQuestion
-from gateway.operator.answers.support import Document
-from gateway.operator.asked import ToExamine, ToList, ToSupport
-from gateway.operator.happened import last_events, told
-from gateway.operator.inventory import tell_inventory
-from gateway.operator.metrics import read
-from gateway.operator.operation import Asker, Nothing
+from gateway.operator.fleet.inventory import tell_inventory
+from gateway.operator.operations.answers.support import Document
+from gateway.operator.operations.asked import ToExamine, ToList, ToSupport
+from gateway.operator.operations.operation import Asker, Nothing
+from gateway.operator.operations.parameters import fields_of
 from gateway.operator.operator import Operator
-from gateway.operator.parameters import fields_of
-from gateway.operator.status import tell_status
-from gateway.operator.trace import clocks, fact
-from gateway.operator.trace_reader import what_is_seen, without_values
-from gateway.operator.unit_names import UnitNames
+from gateway.operator.past.events import last_events, told
+from gateway.operator.status.metrics import read
+from gateway.operator.status.status import tell_status
+from gateway.operator.trace.reader import what_is_seen, without_values
+from gateway.operator.trace.trace import clocks, fact
+from gateway.operator.trace.unit_names import UnitNames
 from gateway.runtime.reload import Reloader
 from gateway.state.memory import state_folder
 from gateway.tools.bundle import Bundle

@@ -11,7 +11,7 @@ from gateway.config.plan.settings import LinePlan
 from gateway.errors import PortError
 from gateway.events import discard_event
 from gateway.lines.settings import LineSettings
-from gateway.operator.answers.scan import Found, Progress
+from gateway.operator.operations.answers.scan import Found, Progress
 from gateway.ports.port import Opener, PortSettings
 from gateway.profiles.recognition import KnownKind
 from gateway.runtime.gateway_line import GatewayLine

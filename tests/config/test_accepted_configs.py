@@ -21,7 +21,7 @@ from gateway.modbus import mbap, rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import Span, exception_response
-from gateway.operator.status import status
+from gateway.operator.status.status import status
 from gateway.profiles.profile import Profile
 from gateway.routing.access import EVERYTHING, AccessRow
 from gateway.routing.rights import Rights

@@ -14,9 +14,9 @@ from gateway.fleet import link
 from gateway.fleet.headers import MOST_HOPS
 from gateway.fleet.messages import Message
 from gateway.fleet.slots import MOST_OF_SENDER
-from gateway.operator.asked import ToExplain
-from gateway.operator.stories import sentences
-from gateway.operator.trace import stories
+from gateway.operator.operations.asked import ToExplain
+from gateway.operator.trace.stories import sentences
+from gateway.operator.trace.trace import stories
 from gateway.runtime.gateway import Gateway
 from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine

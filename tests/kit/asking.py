@@ -8,9 +8,9 @@ from unittest.mock import patch
 
 from gateway.control.server import carry_out
 from gateway.errors import DaemonError, WrongQuestion
-from gateway.operator.operation import Asker, IsThere
+from gateway.operator.operations.operation import Asker, IsThere
 from gateway.operator.operator import Operator
-from gateway.operator.requests import AT_CONTROL
+from gateway.operator.values.requests import AT_CONTROL
 from gateway.runtime.running import Running
 from kit.control import FakeConversation, Question
 

@@ -14,7 +14,7 @@ from urllib.parse import urlencode
 
 from gateway.observe.fan_out import FanOut
 from gateway.observe.last_events import LastEvents
-from gateway.operator.operations import OPERATIONS
+from gateway.operator.operations.table import OPERATIONS
 from gateway.operator.operator import Operator
 from gateway.operator.trends.kept import trends_kept
 from gateway.readconfig.reader import read_here

@@ -12,10 +12,10 @@ from gateway.control.server import _line
 from gateway.errors import DaemonError
 from gateway.images.image import Image, ImageSettings
 from gateway.modbus.codes import Area
-from gateway.operator.answers.unit import RequestAnswer, UnitPicture
-from gateway.operator.operations import BY_NAME
-from gateway.operator.parameters import fields_of, read_parameters
-from gateway.operator.requests import AT_CONTROL
+from gateway.operator.operations.answers.unit import RequestAnswer, UnitPicture
+from gateway.operator.operations.parameters import fields_of, read_parameters
+from gateway.operator.operations.table import BY_NAME
+from gateway.operator.values.requests import AT_CONTROL
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile, Range
 from gateway.request import Request

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from gateway.errors import DoesNotFit
-from gateway.operator.operation import Asker, Nothing, Operation
+from gateway.operator.operations.operation import Asker, Nothing, Operation
+from gateway.operator.operations.parameters import Within
 from gateway.operator.operator import Operator
-from gateway.operator.parameters import Within
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.images.self_map import FRESHNESS
-from gateway.operator.units import picture
+from gateway.operator.units.units import picture
 from gateway.runtime.self_state import show_itself
 from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine

@@ -22,7 +22,7 @@ import anything
 
 import gateway
 from gateway.lines.line import Line
-from gateway.operator.status import status
+from gateway.operator.status.status import status
 from gateway.ports.port import Port
 from gateway.request import Request
 from gateway.runtime.running import Running

@@ -15,8 +15,8 @@ from gateway.cli.units import active_calibration
 from gateway.cli.verbs import calibrate
 from gateway.config.load import parse
 from gateway.modbus.frame import Frame
-from gateway.operator.asked import OneRequest, OneUnit
-from gateway.operator.operations import REQUEST, UNIT
+from gateway.operator.operations.asked import OneRequest, OneUnit
+from gateway.operator.operations.table import REQUEST, UNIT
 from gateway.simulator.faults import Faults
 from gateway.simulator.mint import Mint
 from gateway.simulator.weigher import Weigher

@@ -11,7 +11,7 @@ from gateway.events import Event, LineLost, LineReopened, UpstreamClosed
 from gateway.modbus import rtu
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import MbapFramer, encode
-from gateway.operator.status import status
+from gateway.operator.status.status import status
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.memory import MemoryLine

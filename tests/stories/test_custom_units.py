@@ -7,12 +7,12 @@ from gateway.events import CustomUnitFailed, CustomUnitsLeft, UnitResting, Write
 from gateway.images.custom_unit import CustomUnit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.operator.asked import ToExplain
-from gateway.operator.kept import kept, window
-from gateway.operator.reached import target
-from gateway.operator.status import status
-from gateway.operator.stories import sentences
-from gateway.operator.trace import stories
+from gateway.operator.images.kept import kept, window
+from gateway.operator.operations.asked import ToExplain
+from gateway.operator.status.status import status
+from gateway.operator.trace.stories import sentences
+from gateway.operator.trace.trace import stories
+from gateway.operator.units.reached import target
 from kit.gateway_bench import GatewayBench, gateway_bench, keep_lines_open
 
 LISTEN = """

@@ -10,12 +10,12 @@ import pytest
 from gateway.config.reading.source import place_of
 from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import with_crc
-from gateway.operator.answer_times import answer_times
-from gateway.operator.capture import packets
-from gateway.operator.metrics import read
-from gateway.operator.status import status
-from gateway.operator.trace import lines
-from gateway.operator.units import picture
+from gateway.operator.status.metrics import read
+from gateway.operator.status.status import status
+from gateway.operator.trace.capture import packets
+from gateway.operator.trace.trace import lines
+from gateway.operator.units.answer_times import answer_times
+from gateway.operator.units.units import picture
 from gateway.plant.discovery import Discovery
 from gateway.plant.topics import Topics
 from gateway.runtime.tightness import ENOUGH, STEP, TightLimits

@@ -7,8 +7,8 @@ import pytest
 
 from gateway.events import ConnectionRenewed, Event, LineLost, LineReopened, LineUp
 from gateway.modbus import rtu
-from gateway.operator.metrics import read
-from gateway.operator.status import status
+from gateway.operator.status.metrics import read
+from gateway.operator.status.status import status
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.memory import MemoryLine

@@ -8,8 +8,8 @@ import pytest
 from gateway.cli.show.bench import show_bench
 from gateway.config.plan.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
-from gateway.operator.asked import ToMeasure
-from gateway.operator.status import status
+from gateway.operator.operations.asked import ToMeasure
+from gateway.operator.status.status import status
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint
 from gateway.tools.bench import bench

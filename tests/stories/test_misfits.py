@@ -9,9 +9,9 @@ from gateway.diagnosis.finding import Finding
 from gateway.events import BadFrame, UpstreamClosed
 from gateway.modbus import mbap, rtu
 from gateway.modbus.mbap import encode
-from gateway.operator.asked import ToExplain
-from gateway.operator.stories import sentences
-from gateway.operator.trace import stories
+from gateway.operator.operations.asked import ToExplain
+from gateway.operator.trace.stories import sentences
+from gateway.operator.trace.trace import stories
 from kit.asking import ask
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.config.plan.line_load import declared_polls
 from gateway.events import PartFailed, RequestRefused
-from gateway.operator.status import status
+from gateway.operator.status.status import status
 from gateway.plant.publisher import Publisher
 from kit.broker import FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine

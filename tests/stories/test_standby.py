@@ -7,9 +7,9 @@ import pytest
 
 from gateway.errors import FleetError, WrongQuestion
 from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
-from gateway.operator.forgetting import forget
-from gateway.operator.metrics import read
-from gateway.operator.status import status
+from gateway.operator.status.metrics import read
+from gateway.operator.status.status import status
+from gateway.operator.units.forgetting import forget
 from gateway.runtime.fleet.add_on import Fleet
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.control.server import carry_out
 from gateway.errors import DoesNotFit, WrongQuestion
-from gateway.operator.operation import Asker
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.request import Caller
 from kit.asking import ask

@@ -9,9 +9,9 @@ import pytest
 from gateway.cli.show.trace_rows import rows
 from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import encode
-from gateway.operator.asked import ToExplain, Traced
-from gateway.operator.stories import sentences, told
-from gateway.operator.trace import page, stories
+from gateway.operator.operations.asked import ToExplain, Traced
+from gateway.operator.trace.stories import sentences, told
+from gateway.operator.trace.trace import page, stories
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 

@@ -7,10 +7,10 @@ import pytest
 from gateway.events import WriteAudit
 from gateway.modbus import rtu
 from gateway.modbus.mbap import MbapFramer, encode
-from gateway.operator.asked import Traced
-from gateway.operator.metrics import read
-from gateway.operator.status import status
-from gateway.operator.trace import page
+from gateway.operator.operations.asked import Traced
+from gateway.operator.status.metrics import read
+from gateway.operator.status.status import status
+from gateway.operator.trace.trace import page
 from kit.asking import ask
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.over_tcp import OverTcpClient

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.events import LineLost, LineReopened, LineUp, UpstreamClosed
 from gateway.modbus.mbap import MbapFramer, encode
-from gateway.operator.status import status
+from gateway.operator.status.status import status
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.memory import MemoryLine
 

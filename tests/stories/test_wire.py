@@ -6,7 +6,7 @@ import pytest
 
 from gateway.events import AnswerTooEarly, BadFrame, EchoHeard
 from gateway.modbus import rtu
-from gateway.operator.status import status
+from gateway.operator.status.status import status
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 

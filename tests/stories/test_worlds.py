@@ -25,7 +25,7 @@ from gateway.lines.transaction import Transaction
 from gateway.modbus.mbap import TcpFrame
 from gateway.modbus.pdu import RequestPdu, Span
 from gateway.operator.operator import Operator
-from gateway.operator.requests import AwaitedOrigin
+from gateway.operator.values.requests import AwaitedOrigin
 from gateway.profiles.conversion import Conversion
 from gateway.profiles.guards import Guard
 from gateway.profiles.writing import Write

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.operator.operations import BY_NAME
+from gateway.operator.operations.table import BY_NAME
 from gateway.version import __version__
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.free_port import free_port

@@ -16,7 +16,7 @@ from gateway.cli.kit.daemon import Conversation, Meant
 from gateway.control.server import MOST_CONNECTIONS, control_open
 from gateway.errors import DaemonError
 from gateway.events import Event, PartFailed
-from gateway.operator.operation import Nothing
+from gateway.operator.operations.operation import Nothing
 from gateway.operator.operator import Operator
 from gateway.version import __version__
 from kit.operations import SEVERAL, STATUS_AND_DEFECT, Told

@@ -18,7 +18,7 @@ import pytest
 
 from gateway.modbus import mbap
 from gateway.observe.event_file import FILE_NAME as EVENTS_FILE_NAME
-from gateway.operator.history import FILE_NAME
+from gateway.operator.past.history import FILE_NAME
 from kit import prepared, process
 from kit.process import PATIENCE, GatewayProcess, command, started
 
@@ -40,7 +40,7 @@ history = {history}
 QUICK = f"""
 import sys
 sys.path.append({str(Path(prepared.__file__).parents[1])!r})
-from gateway.operator import history
+from gateway.operator.past import history
 from gateway.state import row_file
 history.LOOK_EVERY, row_file.WRITE_EVERY, row_file.CLOSING_DEADLINE = 0.2, 0.4, 30.0
 from kit.prepared import prepare

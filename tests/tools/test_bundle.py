@@ -1,6 +1,6 @@
 """A bundle is bounded, and has no secret in any of its documents."""
 
-from gateway.operator.answers.support import Document
+from gateway.operator.operations.answers.support import Document
 from gateway.tools.bundle import MOST_OF_ALL, MOST_OF_ONE, Bundle
 from kit.bundles import documents_in
 

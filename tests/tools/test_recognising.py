@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.config.load import parse
-from gateway.operator.answers.scan import Found, SunSpecModel
+from gateway.operator.operations.answers.scan import Found, SunSpecModel
 from gateway.simulator.described import kind_of
 from gateway.simulator.generic import Generic
 from gateway.simulator.profiled import Profiled

@@ -7,7 +7,7 @@ import pytest
 
 from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import encode
-from gateway.operator.answers.scan import Found, Progress
+from gateway.operator.operations.answers.scan import Found, Progress
 from gateway.simulator.faults import Faults
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint

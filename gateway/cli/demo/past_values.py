@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 
 from gateway.cli.demo.past import STOPPED, UNPLUGGED, activity
 from gateway.clock.slices import in_slices
-from gateway.operator.known_values import devices_with_points, known_points
-from gateway.operator.operation import Asker
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import device_of
 from gateway.operator.trends.kept import KeptTrends, kept_trends
 from gateway.operator.trends.told import trend_of
+from gateway.operator.units.reached import device_of
+from gateway.operator.values.known_values import devices_with_points, known_points
 from gateway.profiles.point import Point
 from gateway.timing.history import slot_at
 

@@ -17,9 +17,9 @@ from gateway.config.machine.file_text import UnreadableFile, folder_of, read_fil
 from gateway.control.messages import line_of, question_of, result_in
 from gateway.control.path import SYSTEM_SOCKET, control_path
 from gateway.errors import DaemonError
-from gateway.operator.operation import Nothing, Operation
-from gateway.operator.operations import WHICH
-from gateway.operator.results import NotUnderstoodError
+from gateway.operator.operations.operation import Nothing, Operation
+from gateway.operator.operations.results import NotUnderstoodError
+from gateway.operator.operations.table import WHICH
 from gateway.version import __version__
 
 P = TypeVar("P")

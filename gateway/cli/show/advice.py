@@ -7,7 +7,7 @@ from typing import Final, Literal, NamedTuple
 from gateway.config.values.duration import show_age, show_duration
 from gateway.devices.moved import how_to_forget
 from gateway.lines.counts import RESULTS, Counts
-from gateway.operator.answers.status import (
+from gateway.operator.operations.answers.status import (
     AnyLine,
     LineStatus,
     MonitorStatus,
@@ -16,7 +16,7 @@ from gateway.operator.answers.status import (
     UnitStatus,
     UpstreamStatus,
 )
-from gateway.operator.answers.trouble import FULL
+from gateway.operator.operations.answers.trouble import FULL
 from gateway.timing.verdict import verdict
 
 #: A unit gets a note below this share of answers.

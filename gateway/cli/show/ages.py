@@ -9,9 +9,9 @@ from gateway.cli.show.mapped import MappedLine
 from gateway.cli.show.register_map import RegisterMap
 from gateway.config.values.duration import show_age
 from gateway.modbus.codes import Area
-from gateway.operator.answers.values import Cell
-from gateway.operator.asked import Addresses
-from gateway.operator.operations import IMAGE
+from gateway.operator.operations.answers.values import Cell
+from gateway.operator.operations.asked import Addresses
+from gateway.operator.operations.table import IMAGE
 from gateway.profiles.point import NO_VALUE
 
 #: This many addresses are asked for at a time: the lines do not wait for a longer answer.

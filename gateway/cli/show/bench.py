@@ -6,7 +6,7 @@ from typing import Final
 from gateway.cli.kit.columns import align
 from gateway.config.values.duration import show_duration
 from gateway.config.values.unitset import show_unit
-from gateway.operator.answers.bench import BenchResult
+from gateway.operator.operations.answers.bench import BenchResult
 
 #: A difference between both rates that deserves a word.
 _CLOSE: Final = 0.03

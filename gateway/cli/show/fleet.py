@@ -10,8 +10,8 @@ from gateway.cli.kit.table import Table
 from gateway.cli.show.status_tables import painted
 from gateway.config.values.duration import show_age
 from gateway.fleet.status import SiteStatus
-from gateway.operator.answers.status import Sites
-from gateway.operator.sites import days_left, is_fine, summary_of, to_fix
+from gateway.operator.fleet.sites import days_left, is_fine, summary_of, to_fix
+from gateway.operator.operations.answers.status import Sites
 from gateway.tls.status import EARLY
 
 #: Of more sites than this, only those are listed that are not fine.

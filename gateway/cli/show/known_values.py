@@ -5,7 +5,7 @@ from typing import Final
 from gateway.cli.kit.columns import align, narrow
 from gateway.cli.kit.paint import dim, red, yellow
 from gateway.config.values.duration import show_age
-from gateway.operator.answers.known_values import KnownValue, KnownValues
+from gateway.operator.operations.answers.known_values import KnownValue, KnownValues
 
 _HEADINGS: Final = ("DEVICE", "POINT", "VALUE", "UNIT", "STATE", "AGE", "SOURCE")
 #: The columns that may be shortened.

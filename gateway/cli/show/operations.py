@@ -3,8 +3,8 @@
 from collections.abc import Iterable
 from typing import Any
 
-from gateway.operator.operation import Operation
-from gateway.operator.parameters import parameters_of
+from gateway.operator.operations.operation import Operation
+from gateway.operator.operations.parameters import parameters_of
 
 
 def show_operations(operations: Iterable[Operation[Any, Any]]) -> str:

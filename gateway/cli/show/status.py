@@ -10,8 +10,8 @@ from gateway.cli.kit.paint import red
 from gateway.cli.kit.watching import Screen
 from gateway.cli.show.advice import Note, called, notes
 from gateway.cli.show.status_tables import TABLES, was_asked
-from gateway.operator.answers.status import Status
-from gateway.operator.answers.trouble import Trouble, worst_first
+from gateway.operator.operations.answers.status import Status
+from gateway.operator.operations.answers.trouble import Trouble, worst_first
 
 _INDENT: Final = "  "
 

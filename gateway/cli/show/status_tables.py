@@ -10,7 +10,7 @@ from gateway.cli.show.advice import count_failed, count_ok
 from gateway.config.values.duration import show_age, show_duration
 from gateway.config.values.unitset import show_unit
 from gateway.fleet.status import FleetStatus
-from gateway.operator.answers.status import (
+from gateway.operator.operations.answers.status import (
     ClientStatus,
     ImageStatus,
     LeaseStatus,

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 from gateway.cli.kit.paint import dim, red, yellow
-from gateway.operator.stories import clock
+from gateway.operator.trace.stories import clock
 from gateway.trace.pdus import exception_in_words, frame_in_words, request_in_words, response_in_words
 
 Fact = Mapping[str, Any]

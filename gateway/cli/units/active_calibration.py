@@ -14,7 +14,7 @@ from gateway.lines.breaker import FAILURES
 from gateway.modbus.codes import EXCEPTION_BIT, Area, FunctionCode
 from gateway.modbus.functions import FUNCTIONS, READERS
 from gateway.modbus.pdu import Span
-from gateway.operator.values import Step
+from gateway.operator.values.steps import Step
 from gateway.registers.items import items_read, read_request, write_request
 
 #: How many sizes of each table are asked, and how often without a time to go on for.

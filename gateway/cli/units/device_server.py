@@ -16,9 +16,9 @@ from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, p
 from gateway.config.values.port import DEVICE_SERVER_MODES, parse_line_port, parse_port
 from gateway.control.path import SYSTEM_SOCKET
 from gateway.errors import DaemonError, PortError
-from gateway.operator.operation import Nothing
-from gateway.operator.operations import STATUS
-from gateway.operator.results import read_result
+from gateway.operator.operations.operation import Nothing
+from gateway.operator.operations.results import read_result
+from gateway.operator.operations.table import STATUS
 from gateway.ports.port import CLOSED_AT_ONCE
 from gateway.ports.tcp import READ_SIZE
 from gateway.timing.budget import NETWORK_LATENCY

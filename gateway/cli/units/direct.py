@@ -28,7 +28,7 @@ from gateway.errors import GatewayError, PortError
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
 from gateway.modbus.explain import Mode, explain
 from gateway.modbus.pdu import RequestPdu, parse_request, parse_wide, spans_of
-from gateway.operator.values import Answer, Step
+from gateway.operator.values.steps import Answer, Step
 from gateway.ports.opener import open_blocking
 from gateway.ports.port import SerialSettings
 from gateway.profiles.holes import Holes

@@ -11,7 +11,7 @@ from gateway.config.machine.known_kinds import known_kinds
 from gateway.config.values.address import Address
 from gateway.errors import PortError
 from gateway.modbus.codes import BROADCAST_UNIT, FIRST_UNIT, LAST_UNIT
-from gateway.operator.answers.scan import Found, Progress, ScanStep
+from gateway.operator.operations.answers.scan import Found, Progress, ScanStep
 from gateway.ports.opener import make_opener
 from gateway.ports.port import PortSettings, SerialSettings, TcpSettings
 from gateway.runtime.gateway_line import GatewayLine

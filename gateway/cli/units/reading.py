@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from gateway.cli.units.unit import Unit
-from gateway.operator.values import Outcome, Steps, reading
+from gateway.operator.values.steps import Outcome, Steps, reading
 from gateway.profiles.point import Point
 
 

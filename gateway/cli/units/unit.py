@@ -10,9 +10,9 @@ from gateway.cli.kit.usage import add_port_arguments, parsed_by
 from gateway.config.values.duration import parse_duration
 from gateway.errors import GatewayError
 from gateway.modbus.codes import Area
-from gateway.operator.asked import OneRequest, OneUnit
-from gateway.operator.operations import REQUEST, UNIT
-from gateway.operator.values import Answer, Step
+from gateway.operator.operations.asked import OneRequest, OneUnit
+from gateway.operator.operations.table import REQUEST, UNIT
+from gateway.operator.values.steps import Answer, Step
 from gateway.profiles.holes import Holes
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Range

@@ -10,8 +10,8 @@ from gateway.cli.units.unit import Unit
 from gateway.errors import ExceptionCode
 from gateway.modbus.codes import Area, FunctionCode
 from gateway.modbus.pdu import Span
-from gateway.operator.parameters import fields_of
-from gateway.operator.values import Answer, Failure, Outcome, values_told
+from gateway.operator.operations.parameters import fields_of
+from gateway.operator.values.steps import Answer, Failure, Outcome, values_told
 from gateway.profiles.reading import Reading
 from gateway.registers.items import MANUAL_BASES, WRITERS, has_bits, reference
 

@@ -12,9 +12,9 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.operations import show_operations, show_parameters
 from gateway.config.problem import did_you_mean
 from gateway.errors import WrongQuestion
-from gateway.operator.operation import Operation
-from gateway.operator.operations import BY_NAME
-from gateway.operator.parameters import Parameter, parameters_of, read_parameters
+from gateway.operator.operations.operation import Operation
+from gateway.operator.operations.parameters import Parameter, parameters_of, read_parameters
+from gateway.operator.operations.table import BY_NAME
 
 #: How long the gateway may take, in seconds: a measurement may last an hour, and says nothing meanwhile.
 _PATIENCE: Final = 3700.0

@@ -11,9 +11,9 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.bench import show_bench
 from gateway.config.values.duration import parse_duration, show_duration
 from gateway.errors import DaemonError
-from gateway.operator.answers.bench import BenchResult
-from gateway.operator.asked import ToMeasure
-from gateway.operator.operations import BENCH
+from gateway.operator.operations.answers.bench import BenchResult
+from gateway.operator.operations.asked import ToMeasure
+from gateway.operator.operations.table import BENCH
 
 #: A client's reads may wait this long behind the end of the measurement, in seconds.
 _SLACK = 40.0

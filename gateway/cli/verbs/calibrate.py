@@ -18,9 +18,9 @@ from gateway.cli.units.active_calibration import ask_actively, parse_registers
 from gateway.cli.units.unit import DaemonUnit
 from gateway.config.values.duration import parse_duration, show_duration
 from gateway.errors import DaemonError, GatewayError
-from gateway.operator.answers.measured import Measured
-from gateway.operator.asked import OneUnit
-from gateway.operator.operations import TIMES
+from gateway.operator.operations.answers.times import Measured
+from gateway.operator.operations.asked import OneUnit
+from gateway.operator.operations.table import TIMES
 from gateway.timing.proposal import MeasuredTimes
 
 #: How often the gateway is asked for new times, in seconds, and how many are kept for one row here.

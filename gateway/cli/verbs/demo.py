@@ -43,9 +43,9 @@ from gateway.config.plan.settings import Plan
 from gateway.control.server import control_open
 from gateway.errors import GatewayError
 from gateway.observe.fan_out import FanOut
-from gateway.operator.operation import Asker
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.requests import AT_CONTROL
+from gateway.operator.values.requests import AT_CONTROL
 from gateway.ports.opener import make_opener
 from gateway.readconfig.reader import read_here
 from gateway.runtime.reload import Reloader

@@ -19,8 +19,8 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
 from gateway.errors import DaemonError
-from gateway.operator.asked import ToExamine
-from gateway.operator.operations import DOCTOR
+from gateway.operator.operations.asked import ToExamine
+from gateway.operator.operations.table import DOCTOR
 from gateway.tools.outside import findings_about
 
 _PAINTS: Final[Mapping[str, Callable[[str], str]]] = {"fix": red, "note": yellow}

@@ -14,9 +14,9 @@ from gateway.cli.kit.paint import red, yellow
 from gateway.cli.kit.usage import parsed_by
 from gateway.cli.main import FINE
 from gateway.config.values.duration import parse_duration
-from gateway.operator.answers.happened import Told
-from gateway.operator.asked import ToList
-from gateway.operator.operations import EVENTS
+from gateway.operator.operations.answers.events import Told
+from gateway.operator.operations.asked import ToList
+from gateway.operator.operations.table import EVENTS
 
 #: How often to look for what is new, in seconds; and how often the same event that goes on is printed at most.
 _STEP: Final = 0.25

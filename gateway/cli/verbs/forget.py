@@ -8,9 +8,9 @@ from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_whic
 from gateway.cli.main import FINE
 from gateway.control.messages import result_in
 from gateway.devices.moved import show_addresses
-from gateway.operator.answers.forgotten import Forgotten
-from gateway.operator.asked import OneDevice
-from gateway.operator.operations import FORGET
+from gateway.operator.operations.answers.forget import Forgotten
+from gateway.operator.operations.asked import OneDevice
+from gateway.operator.operations.table import FORGET
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,9 +9,9 @@ from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_whic
 from gateway.cli.kit.progress import working
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.control.messages import result_in
-from gateway.operator.answers.running import Reloaded
-from gateway.operator.operation import Nothing
-from gateway.operator.operations import RELOAD
+from gateway.operator.operations.answers.running import Reloaded
+from gateway.operator.operations.operation import Nothing
+from gateway.operator.operations.table import RELOAD
 
 #: What is said of tables that were added, removed or changed, or need a restart.
 _CHANGES: Final = ("new", "gone", "changed", "takes effect after a restart")

@@ -22,9 +22,9 @@ from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration, show_duration
 from gateway.config.values.unitset import parse_units
 from gateway.errors import DaemonError
-from gateway.operator.answers.scan import Found, Progress, ScanStep
-from gateway.operator.asked import ToScan
-from gateway.operator.operations import SCAN
+from gateway.operator.operations.answers.scan import Found, Progress, ScanStep
+from gateway.operator.operations.asked import ToScan
+from gateway.operator.operations.table import SCAN
 from gateway.tools.signs import OTHERS
 
 #: The time limit of a question, in seconds, when nobody says otherwise.

@@ -15,11 +15,11 @@ from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
 from gateway.cli.show.fleet import sites_as_text
 from gateway.cli.show.status import show_status, status_screen
-from gateway.operator.answers.status import Sites, Status
-from gateway.operator.operation import Nothing
-from gateway.operator.operations import FLEET, STATUS
-from gateway.operator.sites import today
-from gateway.operator.sites_csv import sites_as_csv
+from gateway.operator.fleet.sites import today
+from gateway.operator.fleet.sites_csv import sites_as_csv
+from gateway.operator.operations.answers.status import Sites, Status
+from gateway.operator.operations.operation import Nothing
+from gateway.operator.operations.table import FLEET, STATUS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

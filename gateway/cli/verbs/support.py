@@ -20,10 +20,10 @@ from gateway.config.machine.file_text import UnreadableFile, read_file_text
 from gateway.config.reading.masking import secrets_in
 from gateway.control.path import folder_of_control
 from gateway.errors import ConfigError, DaemonError
-from gateway.operator.asked import ToSupport
-from gateway.operator.operation import Nothing
-from gateway.operator.operations import SUPPORT, WHICH
-from gateway.operator.results import NotUnderstoodError
+from gateway.operator.operations.asked import ToSupport
+from gateway.operator.operations.operation import Nothing
+from gateway.operator.operations.results import NotUnderstoodError
+from gateway.operator.operations.table import SUPPORT, WHICH
 from gateway.readconfig.file_troubles import with_file_troubles
 from gateway.state.memory import state_folder
 from gateway.tools.bundle import TRACE, Bundle

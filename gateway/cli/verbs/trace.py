@@ -17,11 +17,11 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.trace_rows import rows
 from gateway.config.values.duration import parse_duration
 from gateway.errors import DaemonError
-from gateway.operator.answers.trace import Fact
-from gateway.operator.asked import ToExplain, Traced
-from gateway.operator.capture import description, packets
-from gateway.operator.operations import TRACE, WHY
-from gateway.operator.stories import told
+from gateway.operator.operations.answers.trace import Fact
+from gateway.operator.operations.asked import ToExplain, Traced
+from gateway.operator.operations.table import TRACE, WHY
+from gateway.operator.trace.capture import description, packets
+from gateway.operator.trace.stories import told
 from gateway.trace.pcapng import Writer
 from gateway.trace.records import MOST_STORIES
 from gateway.version import __version__

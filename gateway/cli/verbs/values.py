@@ -11,10 +11,10 @@ from gateway.cli.kit.usage import let_options_stand_anywhere
 from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
 from gateway.cli.show.known_values import values_as_text
-from gateway.operator.answers.known_values import KnownValues
-from gateway.operator.asked import KnownOf
-from gateway.operator.operations import VALUES
-from gateway.operator.values_csv import values_as_csv
+from gateway.operator.operations.answers.known_values import KnownValues
+from gateway.operator.operations.asked import KnownOf
+from gateway.operator.operations.table import VALUES
+from gateway.operator.values.values_csv import values_as_csv
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,7 +15,7 @@ from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, 
 from gateway.cli.units.words import Command, find_assignments
 from gateway.errors import DoesNotFit, GatewayError
 from gateway.modbus.functions import only_reads
-from gateway.operator.values import NewValues, Outcome, Steps, writing
+from gateway.operator.values.steps import NewValues, Outcome, Steps, writing
 
 _ABOUT: Final = """\
 UNIT is a unit number or the name of a device. AREA is coils or holding.

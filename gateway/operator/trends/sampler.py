@@ -8,13 +8,13 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.lines.last_reads import LastRead
 from gateway.modbus.pdu import Span
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.known_values import devices_with_points
+from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operator import Operator
-from gateway.operator.reached import device_of
 from gateway.operator.trends.numbers import Read
 from gateway.operator.trends.trends import Trends, key_of
-from gateway.operator.units import points_within
+from gateway.operator.units.reached import device_of
+from gateway.operator.units.units import points_within
+from gateway.operator.values.known_values import devices_with_points
 
 #: How often it looks, in seconds: of responses that come faster the last one counts.
 LOOK_EVERY: Final = 1.0

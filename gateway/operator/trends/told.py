@@ -10,16 +10,16 @@ from gateway.clock.times import rfc_3339
 from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration
 from gateway.errors import ExceptionCode, Malformed, NotPermitted, WrongQuestion
-from gateway.operator.answers.trend import PointTrend, TrendSlot
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.asked import TrendOfPoint
-from gateway.operator.operation import Asker
+from gateway.operator.operations.answers.trend import PointTrend, TrendSlot
+from gateway.operator.operations.answers.unit import UnitPicture
+from gateway.operator.operations.asked import TrendOfPoint
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import Readable, device_of
 from gateway.operator.trends.kept import KeptTrends, kept_trends
 from gateway.operator.trends.trends import key_of
-from gateway.operator.unit_values import point_named
-from gateway.operator.units import picture
+from gateway.operator.units.reached import Readable, device_of
+from gateway.operator.units.units import picture
+from gateway.operator.values.unit_values import point_named
 from gateway.profiles.point import Point
 from gateway.timing.trend import Slot, mean_of
 

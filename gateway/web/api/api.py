@@ -9,9 +9,9 @@ from typing import Any, Final
 from aiohttp import web
 
 from gateway.observe.fan_out import FanOut
-from gateway.operator.asked import ToSupport
+from gateway.operator.operations.asked import ToSupport
 from gateway.operator.operator import Operator
-from gateway.operator.trace_reader import Texts, TraceReader, capture, may_see_all
+from gateway.operator.trace.reader import Texts, TraceReader, capture, may_see_all
 from gateway.tools.support import make_bundle
 from gateway.version import __version__
 from gateway.web.access.guard import VISITOR, Guard, Need

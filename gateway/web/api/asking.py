@@ -8,12 +8,12 @@ from typing import Any, NoReturn, TypeVar
 from aiohttp import web
 
 from gateway.errors import Malformed
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.asked import OneUnit
-from gateway.operator.operation import Asker, IsThere
+from gateway.operator.operations.answers.unit import UnitPicture
+from gateway.operator.operations.asked import OneUnit
+from gateway.operator.operations.operation import Asker, IsThere
+from gateway.operator.operations.parameters import parameters_of, read_parameters
 from gateway.operator.operator import Operator
-from gateway.operator.parameters import parameters_of, read_parameters
-from gateway.operator.units import picture
+from gateway.operator.units.units import picture
 from gateway.web.access.guard import VISITOR, Visitor
 from gateway.web.front.problems import ProblemError
 from gateway.web.front.turns import is_there

@@ -14,20 +14,20 @@ from gateway.clock.slices import turn, with_rests
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import NotPermitted
 from gateway.modbus.codes import Area
-from gateway.operator.answers.config import CheckedConfig, ConfigInUse
-from gateway.operator.answers.happened import Happened
-from gateway.operator.answers.inventory import Inventory
-from gateway.operator.answers.known_values import KnownValues
-from gateway.operator.answers.past import LinePast, UnitPast
-from gateway.operator.answers.running import Reloaded
-from gateway.operator.answers.status import Lines, Sites, Status
-from gateway.operator.answers.trend import PointTrend
-from gateway.operator.answers.unit import UnitPicture, Units
-from gateway.operator.answers.values import Cells, Points
-from gateway.operator.json_text import pieces
-from gateway.operator.operation import Asker, Operation
+from gateway.operator.operations.answers.config import CheckedConfig, ConfigInUse
+from gateway.operator.operations.answers.events import Happened
+from gateway.operator.operations.answers.inventory import Inventory
+from gateway.operator.operations.answers.known_values import KnownValues
+from gateway.operator.operations.answers.past import LinePast, UnitPast
+from gateway.operator.operations.answers.running import Reloaded
+from gateway.operator.operations.answers.status import Lines, Sites, Status
+from gateway.operator.operations.answers.trend import PointTrend
+from gateway.operator.operations.answers.unit import UnitPicture, Units
+from gateway.operator.operations.answers.values import Cells, Points
+from gateway.operator.operations.json_text import pieces
+from gateway.operator.operations.operation import Asker, Operation
+from gateway.operator.operations.parameters import Parameter, fields_of, parameters_of
 from gateway.operator.operator import Operator
-from gateway.operator.parameters import Parameter, fields_of, parameters_of
 from gateway.runtime.garbage import no_collection
 from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of, parameters_in

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import Annotated, Final
 
-from gateway.operator.asked import LineNamed, Traced, UnitNamed, WithPoints
-from gateway.operator.parameters import Within
+from gateway.operator.operations.asked import LineNamed, Traced, UnitNamed, WithPoints
+from gateway.operator.operations.parameters import Within
 
 #: A reader of the trace may begin this many seconds before.
 LONGEST_LOOK_BACK: Final = 3600

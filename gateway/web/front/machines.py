@@ -7,7 +7,7 @@ from aiohttp import web
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.observe.metrics import CONTENT_TYPE, exposition
-from gateway.operator.metrics import read
+from gateway.operator.status.metrics import read
 from gateway.runtime.garbage import no_collection
 from gateway.runtime.running import Running
 from gateway.web.access.guard import Need

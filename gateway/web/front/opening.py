@@ -11,8 +11,8 @@ from gateway.config.plan.settings import WebPlan
 from gateway.errors import TlsError, UsersError
 from gateway.listeners.kept_sessions import KeptSessions
 from gateway.observe.fan_out import FanOut
-from gateway.operator.history import history_kept
 from gateway.operator.operator import Operator
+from gateway.operator.past.history import history_kept
 from gateway.operator.trends.kept import trends_kept
 from gateway.readconfig.libraries import not_installed
 from gateway.readconfig.password import read_token

@@ -21,8 +21,8 @@ from gateway.errors import (
     WrongQuestion,
 )
 from gateway.events import Emit, PartFailed
-from gateway.operator.answers.values import IF_KNOWN
-from gateway.operator.parameters import fields_of
+from gateway.operator.operations.answers.values import IF_KNOWN
+from gateway.operator.operations.parameters import fields_of
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 

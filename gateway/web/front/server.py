@@ -11,7 +11,7 @@ from aiohttp import web
 
 from gateway.events import WebUsersRejected
 from gateway.observe.fan_out import FanOut
-from gateway.operator.operations import OPERATIONS
+from gateway.operator.operations.table import OPERATIONS
 from gateway.operator.operator import Operator
 from gateway.tools.examinations import Examinations
 from gateway.tools.page_scans import PageScans

@@ -13,10 +13,10 @@ from gateway.config.values.character_format import fits_mode, parse_format
 from gateway.config.values.unitset import parse_units, show_units
 from gateway.errors import Unready, WrongQuestion
 from gateway.hardware.listing import ListedPort, list_serial_ports
-from gateway.operator.answers.scan import Found
-from gateway.operator.config_check import TextChecks
+from gateway.operator.config.check import TextChecks
+from gateway.operator.operations.answers.scan import Found
 from gateway.operator.operator import Operator
-from gateway.operator.units import find_line, units_of
+from gateway.operator.units.units import find_line, units_of
 from gateway.readconfig.text_check import TextProblem
 from gateway.timing.characters import LineTiming, Mode
 from gateway.tools.page_scans import LIKELY, PageScan, PageScans, PortToScan

@@ -5,7 +5,7 @@ from urllib.parse import quote
 
 from aiohttp import web
 
-from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.operations.answers.unit import UnitPicture
 
 
 def path_of(kind: Literal["units", "images"], unit: UnitPicture) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from aiohttp import web
 
 from gateway.clock.threads import ThreadPerCall
-from gateway.operator.applied import AppliedRow, AppliedViewer
+from gateway.operator.config.applied import AppliedRow, AppliedViewer
 from gateway.operator.operator import Operator
 from gateway.web.access.guard import VISITOR, Need
 from gateway.web.front.problems import Handler, ProblemError

@@ -7,12 +7,12 @@ from typing import Final
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
-from gateway.operator.asked import Traced
+from gateway.operator.operations.asked import Traced
 from gateway.operator.operator import Operator
-from gateway.operator.rights import Client, Verdict, rights_in_words, routers, verdict
-from gateway.operator.status import recent_status
-from gateway.operator.trace_reader import latest
-from gateway.operator.units import units_of
+from gateway.operator.status.status import recent_status
+from gateway.operator.trace.reader import latest
+from gateway.operator.units.rights import Client, Verdict, rights_in_words, routers, verdict
+from gateway.operator.units.units import units_of
 from gateway.plant.status import show_use
 from gateway.tls.status import EARLY
 from gateway.trace.pdus import FUNCTIONS

@@ -5,10 +5,10 @@ from shlex import quote
 
 from aiohttp import web
 
-from gateway.operator.config_view import ConfigView, ConfigViewer
-from gateway.operator.operation import Nothing
+from gateway.operator.config.reload import reload
+from gateway.operator.config.view import ConfigView, ConfigViewer
+from gateway.operator.operations.operation import Nothing
 from gateway.operator.operator import Operator
-from gateway.operator.running import reload
 from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of
 from gateway.web.front.problems import Handler

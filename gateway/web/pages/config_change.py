@@ -7,9 +7,9 @@ from aiohttp import web
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.config.reading.comparing import shown
-from gateway.operator.answers.config import CheckedConfig
-from gateway.operator.asked import TextToCheck
-from gateway.operator.config_check import check_config
+from gateway.operator.config.check import check_config
+from gateway.operator.operations.answers.config import CheckedConfig
+from gateway.operator.operations.asked import TextToCheck
 from gateway.operator.operator import Operator
 from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of

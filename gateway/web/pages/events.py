@@ -14,13 +14,13 @@ from gateway.errors import Malformed, WrongQuestion
 from gateway.events import Level
 from gateway.listeners.hosts import split_host
 from gateway.observe.last_events import LastEvent
-from gateway.operator.answers.trouble import FULL, Trouble, worst_first
-from gateway.operator.asked import ToList
-from gateway.operator.happened import last_events
+from gateway.operator.operations.answers.trouble import FULL, Trouble, worst_first
+from gateway.operator.operations.asked import ToList
+from gateway.operator.operations.parameters import read_parameters
 from gateway.operator.operator import Operator
-from gateway.operator.parameters import read_parameters
-from gateway.operator.unit_states import is_failing
-from gateway.operator.units import names, units_of
+from gateway.operator.past.events import last_events
+from gateway.operator.status.unit_states import is_failing
+from gateway.operator.units.units import names, units_of
 from gateway.timing.history import STEP, Slot
 from gateway.web.access.guard import Need
 from gateway.web.front.problems import Handler

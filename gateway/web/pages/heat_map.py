@@ -10,8 +10,8 @@ from datetime import datetime
 from time import sleep
 from typing import Any, Final
 
-from gateway.operator.past import mean_share
-from gateway.operator.unit_states import ShownState, is_failing
+from gateway.operator.past.past import mean_share
+from gateway.operator.status.unit_states import ShownState, is_failing
 from gateway.timing.history import STEP, Past, Slot, UnitUse, together
 
 #: The height of the picture, and of each kind of column; the kinds in the order of the legend.

@@ -6,7 +6,7 @@ from itertools import pairwise
 from math import log
 from typing import Final
 
-from gateway.operator.answer_times import FunctionTimes
+from gateway.operator.units.answer_times import FunctionTimes
 
 #: The size of the plot, in units of its own. Below it are the times, above it the marks.
 WIDTH: Final = 600.0

@@ -11,15 +11,15 @@ from gateway.clock.slices import in_slices
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.grid import COLUMNS, MOST, grid_of
-from gateway.operator.kept import ImageWindow, window
-from gateway.operator.map_lines import MapLine, map_lines
+from gateway.operator.images.grid import COLUMNS, MOST, grid_of
+from gateway.operator.images.kept import ImageWindow, window
+from gateway.operator.images.map_lines import MapLine, map_lines
+from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operator import Operator
-from gateway.operator.reached import Readable, image_of
-from gateway.operator.status import part_of_unit
-from gateway.operator.unit_values import values_at
-from gateway.operator.units import points_within, units_of
+from gateway.operator.status.status import part_of_unit
+from gateway.operator.units.reached import Readable, image_of
+from gateway.operator.units.units import points_within, units_of
+from gateway.operator.values.unit_values import values_at
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DATA_TYPES, SWAPS

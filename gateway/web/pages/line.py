@@ -7,15 +7,15 @@ from typing import Final
 from aiohttp import web
 
 from gateway.errors import WrongQuestion
-from gateway.operator.answers.trace import Fact
-from gateway.operator.asked import Traced
-from gateway.operator.meanings import points_of
+from gateway.operator.operations.answers.trace import Fact
+from gateway.operator.operations.asked import Traced
 from gateway.operator.operator import Operator
-from gateway.operator.past import past_of
-from gateway.operator.status import recent_status
-from gateway.operator.trace_reader import latest
-from gateway.operator.unit_states import lines_down, states_of
-from gateway.operator.units import units_of
+from gateway.operator.past.past import past_of
+from gateway.operator.status.status import recent_status
+from gateway.operator.status.unit_states import lines_down, states_of
+from gateway.operator.trace.meanings import points_of
+from gateway.operator.trace.reader import latest
+from gateway.operator.units.units import units_of
 from gateway.timing.history import UNIT_SLOTS
 from gateway.web.access.guard import VISITOR, Need
 from gateway.web.front.problems import Handler, ProblemError

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from gateway.operator.minutes import last_hour
 from gateway.operator.operator import Operator
-from gateway.operator.past import past_of
+from gateway.operator.past.minutes import last_hour
+from gateway.operator.past.past import past_of
 from gateway.timing.history import STEP, UNIT_SLOTS, LineUse, Past, UnitUse
 from gateway.web.pages.busy import busy_outline
 from gateway.web.pages.heat_map import KINDS, Axis, HeatRow, axis, row_of

@@ -12,7 +12,7 @@ from gateway.config.machine.profile_folders import file_of, folders_of, names_in
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.toml_text import Row, Rows, TableText, Value, value_text
 from gateway.modbus.codes import LAST_UNIT, Area
-from gateway.operator.answers.scan import Found
+from gateway.operator.operations.answers.scan import Found
 from gateway.profiles import is_file_name, shipped_names, shipped_text
 from gateway.timing.characters import LineTiming
 from gateway.tools.signs import OTHERS

@@ -7,11 +7,11 @@ from typing import Any, Final
 
 from aiohttp import web
 
-from gateway.operator.answers.status import Status, UnitStatus
-from gateway.operator.answers.trouble import worst_first
+from gateway.operator.operations.answers.status import Status, UnitStatus
+from gateway.operator.operations.answers.trouble import worst_first
 from gateway.operator.operator import Operator
-from gateway.operator.unit_states import ShownState
-from gateway.operator.units import units_of
+from gateway.operator.status.unit_states import ShownState
+from gateway.operator.units.units import units_of
 from gateway.timing.history import Past
 from gateway.web.access.guard import Need
 from gateway.web.front.problems import Handler

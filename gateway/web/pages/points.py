@@ -6,16 +6,16 @@ from typing import Any, Literal
 
 from aiohttp import web
 
-from gateway.operator.answers.known_values import ValueState
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.complaint import Complaint
-from gateway.operator.kept import Kept, kept
-from gateway.operator.known_values import Known, known_points, state_of
-from gateway.operator.last_values import last_read, readable
-from gateway.operator.operation import Asker
+from gateway.operator.images.kept import Kept, kept
+from gateway.operator.operations.answers.known_values import ValueState
+from gateway.operator.operations.answers.unit import UnitPicture
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.reached import Readable
-from gateway.operator.values import Outcome
+from gateway.operator.units.reached import Readable
+from gateway.operator.values.complaint import Complaint
+from gateway.operator.values.known_values import Known, known_points, state_of
+from gateway.operator.values.last_values import last_read, readable
+from gateway.operator.values.steps import Outcome
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.registers.items import reference
 from gateway.web.access.guard import VISITOR

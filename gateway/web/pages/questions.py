@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.complaint import Complaint
-from gateway.operator.values import NewValues
+from gateway.operator.operations.answers.unit import UnitPicture
+from gateway.operator.values.complaint import Complaint
+from gateway.operator.values.steps import NewValues
 from gateway.profiles.reading import Reading
 from gateway.profiles.writing import Write
 

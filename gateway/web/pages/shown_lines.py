@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from gateway.operator.answers.status import LineStatus, MonitorStatus, ServerStatus, Status
+from gateway.operator.operations.answers.status import LineStatus, MonitorStatus, ServerStatus, Status
 
 
 @dataclass(frozen=True, slots=True)

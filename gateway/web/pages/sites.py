@@ -9,9 +9,9 @@ from aiohttp import web
 from gateway.clock.threads import ThreadPerCall
 from gateway.errors import FleetError
 from gateway.fleet.status import SiteStatus
+from gateway.operator.fleet.sites import days_left, is_fine, summary_of, to_fix, today
+from gateway.operator.fleet.sites_csv import sites_as_csv
 from gateway.operator.operator import Operator
-from gateway.operator.sites import days_left, is_fine, summary_of, to_fix, today
-from gateway.operator.sites_csv import sites_as_csv
 from gateway.tls.status import EARLY
 from gateway.web.access.guard import Need
 from gateway.web.front.problems import Handler

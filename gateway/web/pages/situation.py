@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gateway.diagnosis.finding import Finding
-from gateway.operator.answers.status import Status
-from gateway.operator.answers.trouble import Trouble
+from gateway.operator.operations.answers.status import Status
+from gateway.operator.operations.answers.trouble import Trouble
 from gateway.operator.operator import Operator
-from gateway.operator.past import past_of
-from gateway.operator.status import recent_status
-from gateway.operator.unit_states import ShownState, lines_down, states_of
+from gateway.operator.past.past import past_of
+from gateway.operator.status.status import recent_status
+from gateway.operator.status.unit_states import ShownState, lines_down, states_of
 from gateway.timing.history import UNIT_SLOTS, Past
 from gateway.tools.examinations import Examinations, Report
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import isnan, nan
 from typing import Final
 
-from gateway.operator.answers.unit import UnitPicture
+from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operator import Operator
 from gateway.operator.trends.kept import RECENT_SLOTS, kept_trends
 from gateway.operator.trends.told import trend_of

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import quote
 
-from gateway.operator.answers.status import LineStatus, MonitorStatus, Status, UpstreamStatus
-from gateway.operator.unit_states import ShownState
+from gateway.operator.operations.answers.status import LineStatus, MonitorStatus, Status, UpstreamStatus
+from gateway.operator.status.unit_states import ShownState
 
 #: Where the page of the clients explains them.
 _CONNECTIONS = "/clients#connections"

@@ -9,14 +9,14 @@ from aiohttp import web
 
 from gateway.errors import WrongQuestion
 from gateway.listeners.hosts import split_host
-from gateway.operator.answers.trace import Fact
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.meanings import Points, points_of
+from gateway.operator.operations.answers.trace import Fact
+from gateway.operator.operations.answers.unit import UnitPicture
+from gateway.operator.operations.parameters import read_parameters
 from gateway.operator.operator import Operator
-from gateway.operator.parameters import read_parameters
-from gateway.operator.status import recent_status
-from gateway.operator.trace_reader import latest
-from gateway.operator.units import units_of
+from gateway.operator.status.status import recent_status
+from gateway.operator.trace.meanings import Points, points_of
+from gateway.operator.trace.reader import latest
+from gateway.operator.units.units import units_of
 from gateway.trace.pdus import FUNCTIONS
 from gateway.trace.records import RESULTS
 from gateway.web.access.guard import VISITOR, Need

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any, Final
 
-from gateway.operator.answers.trace import Fact
-from gateway.operator.meanings import FEW, Points
+from gateway.operator.operations.answers.trace import Fact
+from gateway.operator.trace.meanings import FEW, Points
 from gateway.trace.pdus import frame_in_words, request_in_words, response_in_words
 from gateway.web.text.words import N_
 

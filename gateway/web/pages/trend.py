@@ -8,13 +8,13 @@ from math import floor, log10
 from typing import Any, Final, NamedTuple
 from urllib.parse import urlencode
 
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.known_values import known_points
-from gateway.operator.operation import Asker
+from gateway.operator.operations.answers.unit import UnitPicture
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.trends.kept import kept_trends
 from gateway.operator.trends.numbers import has_trend
 from gateway.operator.trends.told import joined, slots_of
+from gateway.operator.values.known_values import known_points
 from gateway.profiles.point import Point
 from gateway.timing.trend import Slot
 from gateway.web.pages.addresses import path_of

@@ -9,21 +9,21 @@ from aiohttp import web
 from gateway.errors import WrongQuestion
 from gateway.lines.counts import RESULTS
 from gateway.modbus.codes import Area
-from gateway.operator.answer_times import answer_times
-from gateway.operator.answers.status import Status, UnitStatus
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.complaint import complaint_of, exception_name
-from gateway.operator.failures import failures
-from gateway.operator.kept import maps_of, mirrors_of
-from gateway.operator.last_values import read_all
+from gateway.operator.images.kept import maps_of, mirrors_of
+from gateway.operator.operations.answers.status import Status, UnitStatus
+from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operator import Operator
-from gateway.operator.passed import Passed, passed
-from gateway.operator.past import past_of
-from gateway.operator.requests import ask_for
-from gateway.operator.status import part_of_unit, recent_status
-from gateway.operator.unit_states import SLOTS, lines_down, rests_ms, states_of
-from gateway.operator.unit_values import read, values_at
-from gateway.operator.values import Outcome
+from gateway.operator.past.past import past_of
+from gateway.operator.status.status import part_of_unit, recent_status
+from gateway.operator.status.unit_states import SLOTS, lines_down, rests_ms, states_of
+from gateway.operator.trace.failures import failures
+from gateway.operator.units.answer_times import answer_times
+from gateway.operator.values.complaint import complaint_of, exception_name
+from gateway.operator.values.last_values import read_all
+from gateway.operator.values.passed import Passed, passed
+from gateway.operator.values.requests import ask_for
+from gateway.operator.values.steps import Outcome
+from gateway.operator.values.unit_values import read, values_at
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.web.access.guard import VISITOR, Need

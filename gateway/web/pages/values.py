@@ -14,12 +14,12 @@ from aiohttp import web
 
 from gateway.clock.slices import in_slices
 from gateway.clock.threads import ThreadPerCall
-from gateway.operator.answers.known_values import KnownValue, ValueState
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.known_values import Known, devices_with_points, known_points, state_of, told
-from gateway.operator.operation import Asker
+from gateway.operator.operations.answers.known_values import KnownValue, ValueState
+from gateway.operator.operations.answers.unit import UnitPicture
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.values_csv import values_as_csv
+from gateway.operator.values.known_values import Known, devices_with_points, known_points, state_of, told
+from gateway.operator.values.values_csv import values_as_csv
 from gateway.profiles.point import Point
 from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of

@@ -15,17 +15,17 @@ from aiohttp import web
 from gateway.errors import DoesNotFit, ExceptionCode, WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
-from gateway.operator.answers.unit import UnitPicture
-from gateway.operator.complaint import Complaint, complaint_of
-from gateway.operator.last_values import forget_values
+from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operator import Operator
-from gateway.operator.reached import target
-from gateway.operator.requests import Ask, ask_for
-from gateway.operator.status import recent_status
-from gateway.operator.unit_states import rests_ms
-from gateway.operator.unit_values import assigned, carried_out, point_named, read, values_at
-from gateway.operator.units import picture
-from gateway.operator.values import Failure, writing
+from gateway.operator.status.status import recent_status
+from gateway.operator.status.unit_states import rests_ms
+from gateway.operator.units.reached import target
+from gateway.operator.units.units import picture
+from gateway.operator.values.complaint import Complaint, complaint_of
+from gateway.operator.values.last_values import forget_values
+from gateway.operator.values.requests import Ask, ask_for
+from gateway.operator.values.steps import Failure, writing
+from gateway.operator.values.unit_values import assigned, carried_out, point_named, read, values_at
 from gateway.profiles.point import Point
 from gateway.profiles.profile import width_at
 from gateway.profiles.writing import Write, writes_of

@@ -5,7 +5,7 @@ from datetime import date
 
 from gateway.cli.kit.paint import plain
 from gateway.cli.show.fleet import sites_as_text
-from gateway.operator.answers.status import Sites
+from gateway.operator.operations.answers.status import Sites
 from kit.sites import INVENTORY, TO_FIX, site
 
 TODAY = date(2026, 5, 1)

@@ -6,7 +6,7 @@ import pytest
 
 from gateway.cli.units.direct import DirectUnit, _Place
 from gateway.cli.units.unit import NoResponseError
-from gateway.operator.values import Step
+from gateway.operator.values.steps import Step
 
 
 class Echo:

@@ -8,9 +8,9 @@ import pytest
 
 from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE, main
 from gateway.cli.verbs import ask
-from gateway.operator.operation import Operation
-from gateway.operator.operations import BY_NAME, OPERATIONS
-from gateway.operator.parameters import Within
+from gateway.operator.operations.operation import Operation
+from gateway.operator.operations.parameters import Within
+from gateway.operator.operations.table import BY_NAME, OPERATIONS
 from kit.control import FakeConversation, telling
 from kit.operations import Told
 

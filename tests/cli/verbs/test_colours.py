@@ -7,7 +7,7 @@ from gateway.cli.show.trace_rows import TraceRow
 from gateway.cli.verbs import doctor, ports, scan
 from gateway.diagnosis.finding import Finding
 from gateway.hardware.listing import ListedPort
-from gateway.operator.answers.scan import Found
+from gateway.operator.operations.answers.scan import Found
 
 FINE, DOUBTFUL, BROKEN = 0, 1, 2
 

@@ -11,7 +11,7 @@ from gateway.cli.units import on_unit
 from gateway.cli.units.values import table
 from gateway.errors import GatewayError
 from gateway.modbus.codes import Area
-from gateway.operator.answers.unit import RequestAnswer
+from gateway.operator.operations.answers.unit import RequestAnswer
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
 from kit.control import FakeDaemon

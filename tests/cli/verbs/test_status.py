@@ -11,7 +11,7 @@ from gateway.cli.kit.paint import plain
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
 from gateway.cli.show.status import show_status, status_screen
 from gateway.lines.counts import Counts
-from gateway.operator.answers.status import (
+from gateway.operator.operations.answers.status import (
     ClientStatus,
     LineStatus,
     LineUserStatus,
@@ -25,7 +25,7 @@ from gateway.operator.answers.status import (
     UnitStatus,
     VirtualStatus,
 )
-from gateway.operator.answers.trouble import Trouble
+from gateway.operator.operations.answers.trouble import Trouble
 from gateway.plant.status import BrokerStatus, KeptStatus
 from gateway.timing.measured import Phases
 from kit.control import telling

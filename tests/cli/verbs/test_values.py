@@ -13,7 +13,7 @@ from gateway.cli.kit.paint import red
 from gateway.cli.main import FINE, PROBLEM_FOUND, main
 from gateway.cli.verbs.values import _screen
 from gateway.errors import DaemonError
-from gateway.operator.answers.known_values import KnownValues
+from gateway.operator.operations.answers.known_values import KnownValues
 from kit.asking import ControlSocket, ask
 from kit.control import Question
 from kit.device import SimulatedDevice, SimulatedLine

@@ -8,7 +8,7 @@ import pytest
 from gateway.cli.main import main
 from gateway.cli.units import on_unit
 from gateway.modbus.codes import Area
-from gateway.operator.answers.unit import RequestAnswer
+from gateway.operator.operations.answers.unit import RequestAnswer
 from gateway.profiles.point import Point
 from kit.control import FakeDaemon
 

@@ -19,7 +19,7 @@ from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
-from gateway.operator.status import status
+from gateway.operator.status.status import status
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
 from gateway.request import Caller
 from kit.faulty import Fault, FaultyDevice, FaultyLine

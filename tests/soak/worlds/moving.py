@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, cast
 
 from gateway.errors import WrongQuestion
 from gateway.events import PartFailed
-from gateway.operator.forgetting import forget
+from gateway.operator.units.forgetting import forget
 from gateway.runtime.overdue import LeftBehind
 from gateway.state.memory import Memory
 from kit.gateway_bench import GatewayBench

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from gateway.operator.unit_values import MOST_ITEMS
+from gateway.operator.values.unit_values import MOST_ITEMS
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 

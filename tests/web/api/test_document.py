@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from deploy.api_document import as_text, document
 from deploy.api_schemas import schemas_of
-from gateway.operator.answers.values import IF_KNOWN
-from gateway.operator.operations import OPERATIONS
+from gateway.operator.operations.answers.values import IF_KNOWN
+from gateway.operator.operations.table import OPERATIONS
 from gateway.version import __version__
 from gateway.web.api.api import DOCUMENT
 from kit.browser import web_bench

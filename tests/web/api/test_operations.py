@@ -7,9 +7,9 @@ import pytest
 from deploy.api_document import document
 from gateway.control.server import carry_out
 from gateway.errors import DoesNotFit, Malformed
-from gateway.operator.operation import Asker
+from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.requests import AT_CONTROL
+from gateway.operator.values.requests import AT_CONTROL
 from kit.browser import web_bench
 from kit.operations import REPEAT
 

@@ -7,9 +7,9 @@ from struct import unpack_from
 
 import pytest
 
-from gateway.operator.asked import Traced
-from gateway.operator.requests import AwaitedOrigin
-from gateway.operator.trace_reader import capture
+from gateway.operator.operations.asked import Traced
+from gateway.operator.trace.reader import capture
+from gateway.operator.values.requests import AwaitedOrigin
 from gateway.request import Request
 from gateway.routing.access import NOTHING, AccessRow
 from gateway.routing.rights import Rights

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 from gateway.diagnosis.finding import Finding
 from gateway.lines.counts import Counts
-from gateway.operator.answers.trouble import Trouble, worst_first
-from gateway.operator.troubles import troubles
-from gateway.operator.unit_states import ShownState
+from gateway.operator.operations.answers.trouble import Trouble, worst_first
+from gateway.operator.status.troubles import troubles
+from gateway.operator.status.unit_states import ShownState
 from gateway.timing.history import UnitUse
 from gateway.web.pages.situation import with_findings
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from gateway.operator.config_view import UNREAD_KEPT
+from gateway.operator.config.view import UNREAD_KEPT
 from kit.browser import web_bench
 
 CONFIG = """

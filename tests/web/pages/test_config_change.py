@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.config.reading.masking import MASK
-from gateway.operator import config_check
+from gateway.operator.config import check as config_check
 from gateway.readconfig.text_reader import look_at
 from kit.browser import web_bench
 from kit.markup import Markup

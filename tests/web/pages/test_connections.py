@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from gateway.fleet.status import FleetStatus
-from gateway.operator.answers.status import LeaseStatus
+from gateway.operator.operations.answers.status import LeaseStatus
 from gateway.operator.operator import Operator
-from gateway.operator.status import recent_status
+from gateway.operator.status.status import recent_status
 from gateway.plant.status import BrokerStatus, KeptStatus
 from gateway.tls.status import CertificateStatus
 from gateway.web.pages import clients, situation

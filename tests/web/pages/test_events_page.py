@@ -6,7 +6,7 @@ import pytest
 
 from gateway import events
 from gateway.observe.last_events import OF_A_KIND_FOR
-from gateway.operator.happened import rfc_3339
+from gateway.operator.past.events import rfc_3339
 from gateway.timing.history import STEP, LineUse, UnitUse
 from gateway.web.pages.events import MOST_ROWS
 from kit.browser import CLOCK, web_bench

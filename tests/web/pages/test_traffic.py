@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from gateway.operator.requests import AwaitedOrigin
+from gateway.operator.values.requests import AwaitedOrigin
 from gateway.request import Request
 from gateway.trace.records import Heard, PortChanged
 from gateway.web.pages.traffic import MOST_ROWS

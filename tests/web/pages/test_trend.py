@@ -7,11 +7,11 @@ from contextlib import asynccontextmanager
 import pytest
 
 from gateway.modbus.codes import Area
-from gateway.operator.asked import TrendOfPoint
-from gateway.operator.operation import Asker
-from gateway.operator.requests import AT_CONTROL
+from gateway.operator.operations.asked import TrendOfPoint
+from gateway.operator.operations.operation import Asker
 from gateway.operator.trends.told import tell_trend
-from gateway.operator.units import picture
+from gateway.operator.units.units import picture
+from gateway.operator.values.requests import AT_CONTROL
 from gateway.profiles.point import Point
 from gateway.web.pages.sparkline import sparklines
 from gateway.web.pages.trend import number_format

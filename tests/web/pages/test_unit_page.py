@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from gateway.operator.answer_times import FunctionTimes
+from gateway.operator.units.answer_times import FunctionTimes
 from gateway.web.pages.histogram import WIDTH, plotted
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine

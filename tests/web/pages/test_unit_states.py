@@ -7,8 +7,8 @@ import pytest
 
 from gateway.diagnosis.evidence import PortEvidence
 from gateway.diagnosis.finding import Finding
-from gateway.operator.answers.trouble import Trouble
-from gateway.operator.unit_states import states_of
+from gateway.operator.operations.answers.trouble import Trouble
+from gateway.operator.status.unit_states import states_of
 from gateway.timing.history import STEP, History, UnitUse
 from gateway.tools.examinations import Report
 from gateway.web.pages.heat_map import kind_of

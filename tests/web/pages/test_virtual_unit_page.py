@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from gateway.operator.grid import MOST
+from gateway.operator.images.grid import MOST
 from kit.browser import web_bench
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.mapped_hall import CONFIG, attach

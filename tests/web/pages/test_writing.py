@@ -6,7 +6,7 @@ import re
 import pytest
 
 from gateway.modbus.rtu import with_crc
-from gateway.operator.values import Answer
+from gateway.operator.values.steps import Answer
 from gateway.routing.access import READING, AccessRow
 from gateway.routing.rights import Rights
 from gateway.web.pages.questions import KEPT, MOST, PATIENCE

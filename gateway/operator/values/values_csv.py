@@ -1,0 +1,44 @@
+"""The latest known values as CSV, for spreadsheets and scripts."""
+
+import csv
+from collections.abc import Iterable
+from io import StringIO
+from typing import Final
+
+from gateway.operator.operations.answers.known_values import KnownValue
+
+#: The columns: the age is in seconds, the time is RFC 3339 text. Where nothing is known the cell is empty.
+COLUMNS: Final = ("device", "point", "value", "unit", "state", "age", "source", "time")
+#: What a formula begins with in some spreadsheet.
+_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
+
+
+def values_as_csv(values: Iterable[KnownValue]) -> str:
+    """Write a row for each point, below the headings; numbers have a decimal point in every language."""
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows(_cells(each) for each in values)
+    return text.getvalue()
+
+
+def _cells(each: KnownValue) -> tuple[str, ...]:
+    return (
+        each.name,
+        each.point,
+        "" if each.value is None else _cell(each.value, each.text),
+        each.measure or "",
+        each.state,
+        "" if each.age_ms is None else f"{each.age_ms / 1000:.1f}",
+        each.source or "",
+        each.time or "",
+    )
+
+
+def harmless(text: str) -> str:
+    """Put an apostrophe before text of others that a spreadsheet would take for a formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
+def _cell(value: object, text: str) -> str:
+    return harmless(text) if isinstance(value, str) else text
