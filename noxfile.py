@@ -213,7 +213,7 @@ def pythons(session: nox.Session) -> None:
 
 def install(session: nox.Session, *words: str) -> None:
     """Install libraries, and beside them what tests and compiles, as it is pinned."""
-    tools = Path(session.create_tmp()) / "tools.txt"
+    tools = Path(session.virtualenv.location) / "tools.txt"
     session.run(*EXPORT, "--no-hashes", "--only-group", "test", "--only-group", "build", "-o", str(tools), silent=True)
     session.install("--requirement", str(tools))
     session.install("--only-binary", ":all:", *words)

@@ -4,6 +4,7 @@ import asyncio
 import gc
 import os
 import signal
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,10 @@ _APART = frozenset({"test_tutorials", "test_fleet", "test_doctor", "test_scan"})
 
 #: Processes run the gateway that the tests import: that of the checkout, or a compiled one that is installed.
 os.environ["PYTHONPATH"] = str(Path(gateway.__file__).parents[1])
+
+#: Folders of tests hold sockets, and the path of a socket has at most 107 bytes, 80 of which pytest and the tests take.
+if len(tempfile.gettempdir()) > 20:
+    os.environ["TMPDIR"] = tempfile.tempdir = "/tmp"
 
 #: A shell that starts the tests in the background has this ignored, and so have all processes behind it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
