@@ -64,9 +64,10 @@ def pytest_asyncio_loop_factories(item: pytest.Item) -> Mapping[str, Callable[[]
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=_order)  # stable: otherwise as collected
-    if os.environ.get("CI"):  # a busy machine may be late once; the summary names what passes only the second time
+    if os.environ.get("CI"):  # a busy machine may be late once; the summary tells what passes only the second time
+        once_more = pytest.mark.flaky(reruns=1, rerun_except="from pytest-timeout")  # that limits both runs as one
         for item in filter(_in_real_time, items):
-            item.add_marker(pytest.mark.flaky(reruns=1))
+            item.add_marker(once_more)
 
 
 class _ByFile(LoadScopeScheduling):

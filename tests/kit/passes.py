@@ -28,7 +28,8 @@ VIRTUAL: Final = ("tests", "--ignore", "tests/system", *_ONCE)
 COMPILED: Final = (*_REQUEST_PATH, "-o", "pythonpath=tests deploy", "-m", "not search and not interpreted")
 #: What meets a library in a way of its own.
 LOWEST: Final = (
-    *("--numprocesses", "2", "--dist", "loadfile", "-m", "not search", "--hypothesis-profile=quick", "-r", "fER"),
+    *("--numprocesses", "2", "--dist", "loadfile", "-m", "not search", "--hypothesis-profile=quick"),
+    *("-r", "fER", "--rerun-show-tracebacks"),
     *("tests/cli/units", "tests/config/importing", "tests/config/schema", "tests/config/test_examples.py"),
     *(f"tests/fleet/test_{name}.py" for name in ("bucket", "connection", "serving")),
     *("tests/modbus/test_rtu_request.py", "tests/observe", "tests/ports"),
@@ -38,7 +39,7 @@ LOWEST: Final = (
     *(f"tests/system/test_{name}.py" for name in ("fleet_connection", "mqtt_connection", "serial_pty", "web")),
 )
 
-_PYTEST: Final = ("pytest", "--left-out", str(LEFT_OUT), "-r", "fER")
+_PYTEST: Final = ("pytest", "--left-out", str(LEFT_OUT), "-r", "fER", "--rerun-show-tracebacks")
 #: Without what captures Python's logging, which none of these reads, and which costs a twentieth.
 _COMPUTES: Final = (*_PYTEST, "-p", "no:logging")
 #: These wait most of the time. Those of one file may share what they set up; long ones begin first: tests/conftest.py.
