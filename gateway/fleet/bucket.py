@@ -94,7 +94,7 @@ class Bucket:
         return await self._result(self._store.put(key, value))
 
     async def entries(self, only: Collection[str] | None = None) -> list[Entry]:
-        """Read all entries, or those for these keys, with times, a few at once."""
+        """Read all entries, or those for these keys, with times, a few at once; one that cannot be read is empty."""
         if only is None:
             info = await self._result(self._stream.stream_info(self._stream_name, f"{self._prefix}>"))
             subjects = list(info.state.subjects or ())
@@ -119,15 +119,18 @@ class Bucket:
         return found
 
     async def _entry(self, subject: str) -> Entry | None:
-        """Read the last message on a subject; None if it cannot be read or marks a deletion."""
+        """Read the last message on a subject; None if there is none or it marks a deletion."""
+        key = subject.removeprefix(self._prefix)
         try:
             found = await result(self._stream.get_msg(self._stream_name, subject=subject))
-        except FleetError:
+        except (NoKeyError, NoBucketError):  # the server says the same for a subject without a message
             return None
+        except FleetError:
+            return Entry(key, b"", 0)
         if (found.headers or {}).get("KV-Operation"):
             return None
         created = None if found.time is None else found.time.timestamp()
-        return Entry(subject.removeprefix(self._prefix), found.data or b"", found.seq or 0, created)
+        return Entry(key, found.data or b"", found.seq or 0, created)
 
     async def _unless_changed(self, change: Awaitable[int]) -> int | None:
         try:

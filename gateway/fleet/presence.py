@@ -77,8 +77,7 @@ class Presence:
         # The server's time, from our own entry just stored there: no two clocks are compared.
         mine = next((each.created for each in entries if each.key == self.site and not self.reason), None)
         now = mine or self._unix()
-        found = (status_of(each, now) for each in sorted(entries, key=lambda entry: _counting(entry.key)))
-        return [each for each in found if each is not None]
+        return [status_of(each, now) for each in sorted(entries, key=lambda entry: _counting(entry.key))]
 
     async def _renew(self) -> None:
         while True:
@@ -104,12 +103,12 @@ class Presence:
         return await self._connection.bucket(STATUS)
 
 
-def status_of(entry: Entry, now: float) -> SiteStatus | None:
-    """Decode an entry at `now`, by the server's clock; None if it is malformed."""
+def status_of(entry: Entry, now: float) -> SiteStatus:
+    """Decode an entry at `now`, by the server's clock."""
+    created = entry.created or now
+    age = max(0.0, now - created)
     try:
         told = json.loads(entry.value)
-        created = entry.created or now
-        age = max(0.0, now - created)
         state: Literal["up", "left", "lost"] = "left" if told["state"] == "left" else "up"
         if state == "up" and age > LOST_AFTER:
             state = "lost"
@@ -127,7 +126,7 @@ def status_of(entry: Entry, now: float) -> SiteStatus | None:
             inventory=inventory_in(told.get("inventory"), created),
         )
     except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
-        return None
+        return SiteStatus(text_of(entry.key), "cannot be read", round(age, 1), "", "", "", 0, (), 0)
 
 
 def _counting(name: str) -> list[str | int]:

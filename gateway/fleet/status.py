@@ -45,12 +45,13 @@ class SiteStatus:
 
     It is `up`, has `left`, or is `lost` because it has not renewed its entry. It is `silent` if this site uses its
     units and does not hear it. It has been in this state for `for_s`, and `started` is when it last began to serve.
+    Of an entry that `cannot be read` only the site and the age are known.
     `lines` is the number of lines that are up; `lines_down` names those that are down, and other servers and sites that
     it cannot reach. It serves `units` units. Old versions tell no `inventory`.
     """
 
     site: str
-    state: Literal["up", "silent", "left", "lost"]
+    state: Literal["up", "silent", "left", "lost", "cannot be read"]
     for_s: float
     started: str
     host: str

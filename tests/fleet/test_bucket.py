@@ -3,7 +3,14 @@
 import asyncio
 from types import SimpleNamespace
 
+import pytest
+from nats.errors import Error
+from nats.js.errors import NotFoundError
+
 from gateway.fleet.bucket import Bucket
+from gateway.fleet.messages import Entry
+
+EMPTY = Entry("0", b"", 0)
 
 
 class Stream:
@@ -27,3 +34,14 @@ async def test_a_bucket_of_many_keys_is_read_with_few_tasks():
     found = await Bucket("status", stream, None, lambda: None).entries()
     assert [each.key for each in found] == [str(number) for number in range(1000)]
     assert stream.most <= 40
+
+
+@pytest.mark.parametrize(("error", "found"), [(ValueError, [EMPTY]), (Error, [EMPTY]), (NotFoundError, [])])
+async def test_what_cannot_be_read_is_an_empty_entry_and_what_is_not_there_none(error, found, monkeypatch):
+    stream = Stream(1)
+
+    async def fail(*_: object, **__: object) -> object:
+        raise error
+
+    monkeypatch.setattr(stream, "get_msg", fail)
+    assert await Bucket("status", stream, None, lambda: None).entries() == found

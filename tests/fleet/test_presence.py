@@ -8,6 +8,7 @@ import pytest
 from gateway.errors import FleetError
 from gateway.fleet.messages import Entry
 from gateway.fleet.presence import LOST_AFTER, PERIOD, Presence, status_of
+from gateway.fleet.status import SiteStatus
 from kit.fake_nats import FakeBucket
 
 TOLD = {"host": "box", "version": "1", "up_s": 5.0, "lines": 2, "lines_down": ["hall"], "units": 7}
@@ -72,6 +73,10 @@ async def test_without_nats_nobody_is_seen():
         await presence().sites()
 
 
+def unreadable(site: str, age: float) -> SiteStatus:
+    return SiteStatus(site, "cannot be read", age, "", "", "", 0, (), 0)
+
+
 def told(**changed: object) -> bytes:
     return json.dumps(TOLD | {"state": "up"} | changed).encode()
 
@@ -92,8 +97,8 @@ def told(**changed: object) -> bytes:
         told(units=10**400),
     ],
 )
-def test_an_entry_that_no_site_would_write_is_left_out(value):
-    assert status_of(Entry("a", value, 1, 5.0), 5.0) is None
+def test_a_site_whose_entry_no_site_would_write_is_named(value):
+    assert status_of(Entry("a", value, 1, 5.0), 7.0) == unreadable("a", 2.0)
 
 
 def test_what_an_entry_says_can_be_shown_in_a_terminal():
@@ -104,5 +109,5 @@ def test_what_an_entry_says_can_be_shown_in_a_terminal():
 
 
 @pytest.mark.parametrize("value", [b"", b"[]", b"{", b"1", b'{"state": "up"}', b"\xff", json.dumps(TOLD).encode()])
-def test_an_entry_that_says_nothing_is_left_out(value):
-    assert status_of(Entry("a", value, 1, 5.0), 5.0) is None
+def test_a_site_whose_entry_says_nothing_is_named(value):
+    assert status_of(Entry("a", value, 1, 5.0), 7.0) == unreadable("a", 2.0)

@@ -33,7 +33,7 @@ from gateway.tls.status import EARLY, CertificateStatus
 #: The text of an empty cell.
 _NOTHING: Final = "-"
 #: States in red and in yellow.
-_BROKEN: Final = frozenset({"down", "resting", "line down", "lost"})
+_BROKEN: Final = frozenset({"down", "resting", "line down", "lost", "cannot be read"})
 _DOUBTFUL: Final = frozenset({"failing", "silent"})
 #: At most this many users of each line are shown.
 _USERS_SHOWN: Final = 3

@@ -7,7 +7,7 @@ from typing import Final
 from gateway.fleet.status import FleetStatus, SiteStatus
 from gateway.observe.families import Family
 
-_STATES: Final = ("up", "silent", "left", "lost")
+_STATES: Final = ("up", "silent", "left", "lost", "cannot be read")
 
 
 def metrics_of(fleet: FleetStatus | None) -> Iterator[Family]:
@@ -42,6 +42,8 @@ def metrics_of_sites(sites: Sequence[SiteStatus]) -> Iterator[Family]:
         ("site",),
     )
     for each in sites:
+        if not each.started:  # its entry cannot be read
+            continue
         inventory = each.inventory
         info.add(1, each.site, each.version, "" if inventory is None else inventory.config)
         down.add(len(each.lines_down), each.site)

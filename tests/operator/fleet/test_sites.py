@@ -24,6 +24,7 @@ EXPIRING = replace(INVENTORY, certificates=(SiteCertificate("scada", "certificat
         ({"state": "silent"}, False),
         ({"state": "left"}, False),
         ({"state": "lost"}, False),
+        ({"state": "cannot be read"}, False),
         ({"lines_down": ("hall",)}, False),
         ({"inventory": TO_FIX}, False),
         ({"inventory": EXPIRING}, False),

@@ -74,8 +74,9 @@ async def test_who_asks_no_site_reads_nothing():
 
 def test_metrics_tell_what_must_be_mended_where():
     old = site("c", state="lost", inventory=None, version="0.0.9")
-    families = {each.name: dict(each.values) for each in metrics_of_sites([*SITES[:2], old])}
-    assert families["fleet_sites"] == {("up",): 2, ("silent",): 0, ("left",): 0, ("lost",): 1}
+    unreadable = site("d", state="cannot be read", inventory=None, started="")
+    families = {each.name: dict(each.values) for each in metrics_of_sites([*SITES[:2], old, unreadable])}
+    assert families["fleet_sites"] == {("up",): 2, ("silent",): 0, ("left",): 0, ("lost",): 1, ("cannot be read",): 1}
     assert families["fleet_site_info"] == {
         ("a", "0.1.0", INVENTORY.config): 1,
         ("b", "0.1.0", INVENTORY.config): 1,
