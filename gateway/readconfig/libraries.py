@@ -1,7 +1,9 @@
 """Libraries that only some tables of the config need. Each table has an extra of the package with its name."""
 
+import json
 import sys
 from collections.abc import Mapping
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -11,6 +13,8 @@ _MODULES: Final[Mapping[str, tuple[str, ...]]] = {
     "mqtt": ("paho",),
     "fleet": ("nats",),
 }
+#: Who makes environments of his own, by a folder in their paths.
+_TOOLS: Final[Mapping[str, str]] = {"pipx": "pipx install --force", "uv": "uv tool install --force"}
 
 
 def missing_library(extra: str) -> str | None:
@@ -20,7 +24,14 @@ def missing_library(extra: str) -> str | None:
 
 def not_installed(module: str | None, extra: str) -> str:
     """Say that a module of an extra is missing, and how to install it."""
-    environment = Path(sys.prefix)  # of pipx, or of the program that the gateway is a part of
-    command = "pipx install --force" if "pipx" in environment.parts else f"{environment / 'bin' / 'pip'} install"
-    what = f"{module} is not installed: mbgw was installed without [{extra}]"
-    return f'{what}; {command} "WHEEL[web,mqtt,fleet,yaml]", with its wheel as WHEEL'
+    what = f"{module} is not installed"
+    folder = Path(sys.prefix)  # of pipx or uv, or of the program that the gateway is a part of
+    metadata = import_module("importlib.metadata")  # loaded only when something is missing
+    try:
+        origin = metadata.distribution("mbgw").read_text("direct_url.json")
+    except metadata.PackageNotFoundError:  # a Debian package or a checkout, which have all extras
+        is_package = folder == Path("/usr")
+        return f"{what}; {'sudo apt install --reinstall modbus-gateway' if is_package else 'uv sync --all-extras'}"
+    command = next((each for tool, each in _TOOLS.items() if tool in folder.parts), f"{folder}/bin/pip install")
+    place = f" @ {json.loads(origin)['url']}" if origin else ""  # a file, which may not be in any index
+    return f'{what}: mbgw was installed without [{extra}]; {command} "mbgw[web,mqtt,fleet,yaml]{place}"'

@@ -1,9 +1,11 @@
 """What `check` says of the files with users and passwords, and of libraries."""
 
 import grp
+import json
 import os
 import socket
 from contextlib import contextmanager, nullcontext
+from types import SimpleNamespace
 
 import pytest
 
@@ -176,19 +178,32 @@ def not_as_root():
         os.seteuid(user)
 
 
+@pytest.mark.parametrize("url", ["", "file:///tmp/mbgw-0.1.0-py3-none-any.whl"])
 @pytest.mark.parametrize(
     ("environment", "command"),
     [
         ("/home/anna/.local/share/pipx/venvs/mbgw", "pipx install --force"),
+        ("/home/anna/.local/share/uv/tools/mbgw", "uv tool install --force"),
         ("/srv/plant/venv", "/srv/plant/venv/bin/pip install"),
     ],
 )
-def test_a_missing_library_is_told_with_the_command_that_installs_it(environment, command, monkeypatch):
+def test_a_missing_library_is_told_with_the_command_that_installs_it(environment, command, url, monkeypatch):
     monkeypatch.setattr("sys.prefix", environment)
+    installed = SimpleNamespace(read_text=lambda _: json.dumps({"url": url}) if url else None)
+    monkeypatch.setattr("importlib.metadata.distribution", lambda _: installed)
     assert not_installed("aiohttp", "web") == (
         "aiohttp is not installed: mbgw was installed without [web]; "
-        f'{command} "WHEEL[web,mqtt,fleet,yaml]", with its wheel as WHEEL'
+        f'{command} "mbgw[web,mqtt,fleet,yaml]{url and f" @ {url}"}"'
     )
+
+
+@pytest.mark.parametrize(
+    ("environment", "command"),
+    [("/usr", "sudo apt install --reinstall modbus-gateway"), ("/src/.venv", "uv sync --all-extras")],
+)
+def test_what_no_installer_of_python_knows_is_made_whole(environment, command, monkeypatch):
+    monkeypatch.setattr("sys.prefix", environment)
+    assert not_installed("aiohttp", "web") == f"aiohttp is not installed; {command}"
 
 
 @pytest.mark.parametrize(("mode", "is_refused"), [(0o600, False), (0o640, False), (0o644, True), (0o660, True)])
