@@ -28,6 +28,16 @@ and in its config:
   servers     = ["{server}"]
   credentials = "/etc/modbus-gateway/fleet.creds\""""
 
+#: Others are in that group, too: where a key may ask all sites, only root reads it, and systemd hands it over.
+_AT_CONTROL: Final = """
+At {sites}, where the key may ask all sites, this instead:
+  sudo install -D -m 600 {creds} /etc/modbus-gateway/fleet.creds
+in its config:
+  credentials = {{ credential = "fleet" }}
+and with `sudo systemctl edit modbus-gateway`:
+  [Service]
+  LoadCredential=fleet:/etc/modbus-gateway/fleet.creds"""
+
 _AT_LEAF: Final = """
 At sites with a leaf node ({sites}), servers = ["nats://127.0.0.1:4222"], and:
   sudo install -o nats -g nats -m 600 {config} /etc/nats-server.conf
@@ -51,6 +61,8 @@ def _lines(hub: Hub, written: Written) -> Iterator[str]:
     yield _AT_HUB.format(config=folder / CONFIG, load=_RELOAD if written.kept else _RESTART)
     if written.new:
         yield _AT_SITE.format(site="SITE", creds=f"SITE{CREDENTIALS}", server=_server(hub)) + _authority(hub)
+    if control := [name for name in hub.control if name in written.new]:
+        yield _AT_CONTROL.format(sites=_named(control), creds=f"SITE{CREDENTIALS}")
     if hub.leaf_nodes:
         yield _AT_LEAF.format(sites=_named(hub.leaf_nodes), config=f"SITE{LEAF_CONFIG}")
     if hub.certificate is None and hub.listen is None:

@@ -147,6 +147,14 @@ def test_it_says_what_to_do_next(file: Path, capsys: pytest.CaptureFixture[str])
         'ca          = "/etc/ca.crt"',
     ):
         assert line in said
+    assert "LoadCredential" not in said
+
+
+def test_a_key_that_may_ask_all_sites_is_not_for_the_group(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path / "fleet.toml", SITES) == 0
+    said = capsys.readouterr().out
+    assert "At control, where the key may ask all sites, this instead:\n  sudo install -D -m 600" in said
+    assert "LoadCredential=fleet:/etc/modbus-gateway/fleet.creds" in said
 
 
 def test_json_names_what_was_made(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
