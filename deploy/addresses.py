@@ -24,6 +24,7 @@ FORMS: Final = {
     "source": r"https://[^/\s]+/\S*[^/\s]",
     "documentation": r"https://\S*[^/\s]",
     "image": r"[a-z0-9.:-]+/[a-z0-9._/-]*[a-z0-9]",
+    "apt_key": r"[0-9A-F]{40}|\S+\.example",
     "maintainer": r'[^<>"]*[^<>"\s] <[^<>@"\s]+@[^<>@"\s]+>',
 }
 
@@ -47,12 +48,13 @@ def wanted(root: Path) -> dict[str, str]:
 
 def written(root: Path) -> dict[str, str]:
     """Return the addresses that stand in the files now."""
-    project = _read(root / RECORD)["project"]
-    urls, (maintainer,) = project["urls"], project["maintainers"]
+    record = _read(root / RECORD)
+    urls, (maintainer,) = record["project"]["urls"], record["project"]["maintainers"]
     return {
         "source": urls["Source"],
         "documentation": urls["Documentation"],
         "image": urls["Container image"].removeprefix("https://"),
+        "apt_key": record["tool"]["mbgw"]["apt-key"],
         "maintainer": f"{maintainer['name']} <{maintainer['email']}>",
     }
 
@@ -62,7 +64,7 @@ def _spellings(addresses: dict[str, str]) -> list[str]:
     maintainer = addresses["maintainer"]
     name, mail = maintainer.removesuffix(">").split(" <")
     return [
-        *(addresses[key] for key in ("source", "documentation", "image")),
+        *(addresses[key] for key in ("source", "documentation", "image", "apt_key")),
         *(maintainer, f'name = "{name}", email = "{mail}"', mail),
     ]
 

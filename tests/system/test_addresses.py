@@ -15,6 +15,7 @@ NEW = {
     "source": "https://git.plant/acme/modbus-gateway",
     "documentation": "https://acme.plant/modbus-gateway",
     "image": "registry.plant/acme/modbus-gateway",
+    "apt_key": "0123456789ABCDEF0123456789ABCDEF01234567",
     "maintainer": "Wang Fang <wang@acme.plant>",
 }
 
@@ -102,6 +103,7 @@ def test_no_file_is_stale():
         ("documentation", "https://git.plant/acme/modbus-gateway"),
         ("image", "modbus-gateway"),
         ("image", "registry.plant/acme/modbus-gateway:latest"),
+        ("apt_key", "0123 4567"),
         ("maintainer", "Wang Fang"),
     ],
 )
@@ -120,7 +122,8 @@ def test_a_release_wants_addresses_and_its_version_and_its_changes(some):
     (some / "CHANGELOG.md").write_text(f"## {version}, not released yet\n")
     for page in UNRELEASED:  # as all of them do until the first release
         (some / page).write_text("What ends in `.example` is a placeholder.\n")
-    fill_in(some, {name: text.replace(".plant", ".example") for name, text in NEW.items()})
+    example = {name: text.replace(".plant", ".example") for name, text in NEW.items()}
+    fill_in(some, example | {"apt_key": "FINGERPRINT.example"})
     assert hindrances(some, "v7.0") == [
         *(f"deploy/project.toml: {name} is a placeholder" for name in NEW),
         "deploy/project.toml is not what stands in the files: nox -s gen",
