@@ -18,7 +18,7 @@ from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.units.reached import Readable, ReadableHoles, holes_of
-from gateway.operator.units.units import known_picture
+from gateway.operator.units.units import picture
 from gateway.operator.values.complaint import Complaint
 from gateway.operator.values.last_values import readable
 from gateway.operator.values.requests import Ask, AwaitedOrigin, ask_for, send
@@ -195,7 +195,7 @@ class UnitClient:
             NotConfigured: there is none any more.
         """
         try:
-            self._found = known_picture(operator, self._wanted)
+            self._found = picture(operator, self._wanted)
         except WrongQuestion as wrong:
             raise NotConfigured(str(wrong)) from None
         return self._found

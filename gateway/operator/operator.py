@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import wraps
 from typing import Any, Literal, TypeVar
 
 from gateway.observe.last_events import LastEvents
@@ -36,6 +37,7 @@ class Operator:
         self.events = events or LastEvents(clock)
         self.history: History | None = None
         self._kept: dict[type[Any], Any] = {}
+        self._made: tuple[Gateway | None, dict[Callable[[Operator], Any], Any]] = None, {}
 
     @property
     def gateway(self) -> Gateway:
@@ -53,3 +55,23 @@ class Operator:
             self._kept[kind] = kind()
         found: K = self._kept[kind]
         return found
+
+    def made(self, make: Callable[["Operator"], K]) -> K:
+        """Return what `make` makes of the present gateway; made again after a reload. Any thread may call this."""
+        gateway, made = self._made
+        if gateway is not self.gateway:
+            self._made = self.gateway, (made := {})
+        if make not in made:
+            made[make] = make(self)
+        found: K = made[make]
+        return found
+
+
+def until_reload(make: Callable[[Operator], K]) -> Callable[[Operator], K]:
+    """Let a function remember what it returns until a reload makes another gateway."""
+
+    @wraps(make)
+    def remembered(operator: Operator) -> K:
+        return operator.made(make)
+
+    return remembered

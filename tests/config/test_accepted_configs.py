@@ -21,7 +21,6 @@ from gateway.modbus import mbap, rtu
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import Span, exception_response
-from gateway.operator.status.status import status
 from gateway.profiles.profile import Profile
 from gateway.routing.access import EVERYTHING, AccessRow
 from gateway.routing.rights import Rights
@@ -31,6 +30,7 @@ from kit.configs import accepted_configs
 from kit.device import Answer
 from kit.gateway_bench import Client, GatewayBench, keep_lines_open
 from kit.memory import MemoryLine
+from kit.statuses import status
 from kit.virtual_time import VirtualTimeLoop
 
 NO_ROUTE, BUSY, STALE = 0x0A, 0x06, 0x0B
@@ -343,7 +343,7 @@ class Scene:
         assert self._requests_of(name) == before + 1
 
     def _requests_of(self, name: str) -> int:
-        (image,) = (one for one in status(self.bench.running, 0.0).images if one.name == name)
+        (image,) = (one for one in status(self.bench.running).images if one.name == name)
         return image.requests
 
 

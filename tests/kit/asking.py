@@ -8,8 +8,10 @@ from unittest.mock import patch
 
 from gateway.control.server import carry_out
 from gateway.errors import DaemonError, WrongQuestion
+from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.operation import Asker, IsThere
 from gateway.operator.operator import Operator
+from gateway.operator.units.units import picture
 from gateway.operator.values.requests import AT_CONTROL
 from gateway.runtime.running import Running
 from kit.control import FakeConversation, Question
@@ -60,3 +62,8 @@ class ControlSocket(FakeConversation):
             return [done.value]
         except WrongQuestion as wrong:
             raise DaemonError(f"the gateway says: {wrong}") from wrong
+
+
+def pictured(running: Running, wanted: int | str) -> UnitPicture:
+    """Describe the unit with this number or name."""
+    return picture(Operator(running, NO_FILE), wanted)

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from gateway.images.self_map import FRESHNESS
-from gateway.operator.units.units import picture
 from gateway.runtime.self_state import show_itself
-from kit.asking import ask
+from kit.asking import ask, pictured
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 
@@ -55,7 +54,7 @@ async def registers(bench: GatewayBench, start: int, count: int, function: int =
 
 async def value(bench: GatewayBench, name: str) -> int:
     """A value by its name."""
-    point = next(one for one in picture(bench.gateway, 246).points if one.name == name)
+    point = next(one for one in pictured(bench.running, 246).points if one.name == name)
     found = await registers(bench, point.address, point.count)
     return int.from_bytes(b"".join(each.to_bytes(2, "big") for each in found), "big")
 

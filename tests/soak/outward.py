@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import wraps
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +23,6 @@ import anything
 
 import gateway
 from gateway.lines.line import Line
-from gateway.operator.status.status import status
 from gateway.ports.port import Port
 from gateway.request import Request
 from gateway.runtime.running import Running
@@ -227,6 +227,14 @@ def watch_gateways() -> None:
 
 
 # --- what is played ---
+
+
+def status(running: Any, now: float) -> object:
+    """The status of a gateway."""
+    try:
+        return import_module("kit.statuses").status(running)
+    except ImportError:  # earlier versions have none
+        return import_module("gateway.operator.status").status(running, now)
 
 
 async def play_world(name: str, transactions: int, share: float, seed: int) -> None:

@@ -11,10 +11,10 @@ from gateway.events import Event, LineLost, LineReopened, UpstreamClosed
 from gateway.modbus import rtu
 from gateway.modbus.frame import Frame
 from gateway.modbus.mbap import MbapFramer, encode
-from gateway.operator.status.status import status
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.memory import MemoryLine
+from kit.statuses import status
 
 READ = "03 00 05 00 01"
 #: How a server is reached, and the limit of a read there.
@@ -70,7 +70,7 @@ def told(bench: GatewayBench) -> list[Event]:
 
 def state(bench: GatewayBench) -> tuple[str, str]:
     """What status says of the line or the upstream."""
-    now = status(bench.running, asyncio.get_running_loop().time())
+    now = status(bench.running)
     (part,) = [*now.lines, *now.upstreams]
     return part.state, part.reason
 

@@ -9,11 +9,11 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.images.kept import kept, window
 from gateway.operator.operations.asked import ToExplain
-from gateway.operator.status.status import status
 from gateway.operator.trace.stories import sentences
 from gateway.operator.trace.trace import stories
 from gateway.operator.units.reached import target
 from kit.gateway_bench import GatewayBench, gateway_bench, keep_lines_open
+from kit.statuses import status
 
 LISTEN = """
 [[listen]]
@@ -227,8 +227,7 @@ async def test_the_status_says_how_it_is():
     async with gateway_bench(LISTEN + CLOCK, units={60: unit}) as bench:
 
         def shown():
-            now = asyncio.get_running_loop().time()
-            (image,) = status(bench.running, now).images
+            (image,) = status(bench.running).images
             return image.state, image.rests_ms
 
         client, before = bench.client(), shown()

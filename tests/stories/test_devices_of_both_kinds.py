@@ -11,18 +11,17 @@ from gateway.config.reading.source import place_of
 from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import with_crc
 from gateway.operator.status.metrics import read
-from gateway.operator.status.status import status
 from gateway.operator.trace.capture import packets
 from gateway.operator.trace.trace import lines
 from gateway.operator.units.answer_times import answer_times
-from gateway.operator.units.units import picture
 from gateway.plant.discovery import Discovery
 from gateway.plant.topics import Topics
 from gateway.runtime.tightness import ENOUGH, STEP, TightLimits
-from kit.asking import ask
+from kit.asking import ask, pictured
 from kit.broker import FakeBroker
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
+from kit.statuses import status
 
 DEVICES = """
 [[{rows}]]
@@ -133,7 +132,7 @@ async def test_its_row_of_the_status_says_the_same(kind):
             assert await client.asks(38, "03 00 00 00 01") == "83 0B"
             await asyncio.sleep(1.0)
         assert await client.asks(38, "03 00 00 00 01") == "83 0B"
-        first, second = status(bench.running, asyncio.get_running_loop().time()).units
+        first, second = status(bench.running).units
         assert (first.line, first.unit, first.on_the_wire, first.name, first.profile) == (
             ("roof", 37, 1, "inverter", "inverter")
         )  # fmt: skip
@@ -204,18 +203,18 @@ async def test_a_limit_is_proposed_with_what_the_network_adds():
         client = bench.client()
         for _ in range(ENOUGH):
             await client.asks(37, "03 00 00 00 05")
-        (times,) = answer_times(bench.gateway, picture(bench.gateway, 37))
+        (times,) = answer_times(bench.gateway, pictured(bench.running, 37))
         assert times.proposed_ms == pytest.approx(100 + 1.5 * 10, abs=1)
 
 
 async def test_how_busy_a_line_or_a_connection_is(kind):
     async with both(kind) as (bench, inverter, _):
         inverter.delay = 0.05
-        client, loop = bench.client(), asyncio.get_running_loop()
+        client = bench.client()
         sampling = asyncio.create_task(bench.recent.keep_sampling(lambda: bench.gateway))
         for _ in range(300):
             await asyncio.gather(client.asks(37, "03 00 00 00 01"), asyncio.sleep(0.2))
-        now = status(bench.running, loop.time(), bench.recent)
+        now = status(bench.running)
         sampling.cancel()
         (owner,) = (*now.lines, *now.upstreams)
         # A line has also the silence after the response. Of a connection one of 16 places is taken.

@@ -8,10 +8,10 @@ import pytest
 from gateway.events import ConnectionRenewed, Event, LineLost, LineReopened, LineUp
 from gateway.modbus import rtu
 from gateway.operator.status.metrics import read
-from gateway.operator.status.status import status
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.memory import MemoryLine
+from kit.statuses import status
 
 PORT = "rtu+tcp://10.0.0.9:4001"
 READ = "03 00 05 00 01"
@@ -41,7 +41,7 @@ def told(bench: GatewayBench) -> list[Event]:
 
 
 def state(bench: GatewayBench) -> tuple[str, str]:
-    (line,) = status(bench.running, asyncio.get_running_loop().time()).lines
+    (line,) = status(bench.running).lines
     return line.state, line.reason
 
 

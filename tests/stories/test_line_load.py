@@ -9,13 +9,13 @@ from gateway.cli.show.bench import show_bench
 from gateway.config.plan.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
 from gateway.operator.operations.asked import ToMeasure
-from gateway.operator.status.status import status
 from gateway.simulator.generic import Generic
 from gateway.simulator.mint import Mint
 from gateway.tools.bench import bench
 from kit.asking import answering, answers
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.paced import attach_paced
+from kit.statuses import status
 
 #: How far a measured minute may be from the forecast.
 CLOSE = 0.03
@@ -152,7 +152,7 @@ async def test_who_takes_the_line_up_is_shown():
         meters(running, 19200)
         await measured(running, seconds=10, unit=2)
         await running.client(host="10.0.0.9").asks(3, "03 00 00 00 01")
-        line = status(running.running, asyncio.get_running_loop().time(), running.recent).lines[0]
+        line = status(running.running).lines[0]
     first, second = line.users
     assert (first.client, first.on_the_wire, first.device, first.function) == ("control", 2, "meter-2", 3)
     assert (second.client, second.on_the_wire, second.function) == ("10.0.0.9", 3, 3)

@@ -7,11 +7,11 @@ import pytest
 
 from gateway.config.plan.line_load import declared_polls
 from gateway.events import PartFailed, RequestRefused
-from gateway.operator.status.status import status
 from gateway.plant.publisher import Publisher
 from kit.broker import FakeBroker
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
+from kit.statuses import status
 
 CONFIG = """
 site = "plant"
@@ -87,7 +87,7 @@ async def test_what_both_want_is_sent_as_check_foretells_and_named_after_both():
         assert kept(broker)["state"] == 7
         assert await client.asks(241, "03 0006 0001") == "03 02 00 08"
         assert await client.asks(241, "03 0005 0001") == "83 02", "MQTT wants it, the mirror does not"
-        line = status(bench.running, asyncio.get_running_loop().time(), bench.running.recent).lines[0]
+        line = status(bench.running).lines[0]
         assert "mirror copy, mqtt" in {user.client for user in line.users}
 
 

@@ -8,13 +8,13 @@ import pytest
 from gateway.errors import FleetError, WrongQuestion
 from gateway.events import LateResponse, LeaseLost, LeaseTaken, LineLost
 from gateway.operator.status.metrics import read
-from gateway.operator.status.status import status
 from gateway.operator.units.forgetting import forget
 from gateway.runtime.fleet.add_on import Fleet
 from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 from gateway.state.memory import Memory
 from kit.gateway_bench import GatewayBench, gateway_bench
+from kit.statuses import status
 
 CONFIG = """
 site = "{site}"
@@ -123,7 +123,7 @@ async def test_status_and_metrics_say_who_holds_it(store: KeyValues) -> None:
     async with gateway_bench(config("a")) as one, gateway_bench(config("b")) as other:
         await asyncio.sleep(LONG)
         holder, standby = (one, other) if is_open(one) else (other, one)
-        first, second = status(holder.running, 0.0), status(standby.running, 0.0)
+        first, second = status(holder.running), status(standby.running)
         assert (first.lines[0].state, second.lines[0].state) == ("up", "standby")
         assert second.lines[0].reason.startswith("standby for the lease hall-a: ")
         (held,), (waits) = first.leases, second.leases[0]

@@ -9,11 +9,11 @@ from gateway.modbus import rtu
 from gateway.modbus.mbap import MbapFramer, encode
 from gateway.operator.operations.asked import Traced
 from gateway.operator.status.metrics import read
-from gateway.operator.status.status import status
 from gateway.operator.trace.trace import page
 from kit.asking import ask
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.over_tcp import OverTcpClient
+from kit.statuses import status
 
 LISTEN = """
 [[listen]]
@@ -122,11 +122,11 @@ async def test_only_units_that_were_asked_have_rows() -> None:
     async with gateway_bench(CONFIG + ALL) as bench:
         Servers(bench)
         named = ["roof/71", "roof/72", "roof/73"]
-        assert [unit.name for unit in status(bench.running, 0.0).units if unit.line != "hall"] == named
+        assert [unit.name for unit in status(bench.running).units if unit.line != "hall"] == named
         for listener, units in ((ROOF, (1, 71, 250)), (CELLAR, (0, 255))):
             for unit in units:
                 await bench.client(listener=listener).asks(unit, READ)
-        shown = [each for each in status(bench.running, 0.0).units if each.line != "hall"]
+        shown = [each for each in status(bench.running).units if each.line != "hall"]
         assert {(each.unit, each.on_the_wire, each.name) for each in shown if each.counts.ok} == {
             (71, 1, "roof/71"),
             (71, 71, "roof/unit-71"),
@@ -206,7 +206,7 @@ async def test_a_listener_that_a_reload_brings_leaves_the_connection_as_it_is() 
             if text is more:
                 assert await bench.client(listener=ROOF).asks(250, READ) == "03 02 00 FA"
                 assert await bench.client(listener=ROOF).asks(1, READ) == "03 02 00 01"
-        counted = {unit.name: unit.counts.ok for unit in status(bench.running, 0.0).units if unit.line == "roof"}
+        counted = {unit.name: unit.counts.ok for unit in status(bench.running).units if unit.line == "roof"}
         assert counted == {"roof/71": 3, "roof/72": 0, "roof/73": 0}
 
 

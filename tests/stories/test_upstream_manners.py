@@ -8,9 +8,9 @@ import pytest
 
 from gateway.events import LineLost, LineReopened, LineUp, UpstreamClosed
 from gateway.modbus.mbap import MbapFramer, encode
-from gateway.operator.status.status import status
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.memory import MemoryLine
+from kit.statuses import status
 
 FIRST, SECOND = "tcp://10.1.0.5:502", "tcp://10.2.0.5:502"
 READ = "03 00 05 00 01"
@@ -36,7 +36,7 @@ def answer_on(line: MemoryLine, value: int, delay: float = 0.0) -> Callable[[byt
 
 def state(bench: GatewayBench) -> tuple[str, str]:
     """What status says: whether it is up, and where."""
-    (there,) = status(bench.running, asyncio.get_running_loop().time()).upstreams
+    (there,) = status(bench.running).upstreams
     return there.state, there.to
 
 

@@ -6,9 +6,9 @@ import pytest
 
 from gateway.events import AnswerTooEarly, BadFrame, EchoHeard
 from gateway.modbus import rtu
-from gateway.operator.status.status import status
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
+from kit.statuses import status
 
 #: A port in memory is virtual: `serial` makes it what `auto` makes a ttyACM.
 CONFIG = """
@@ -86,7 +86,7 @@ def panel_echo(bench: GatewayBench, data: bytes) -> None:
 async def test_status_says_what_it_has_turned_out_to_be(wire: str, is_direct: bool) -> None:
     config = (CONFIG + SERVER).replace('"serial"', f'"{wire}"')
     async with gateway_bench(config) as bench:
-        shown = status(bench.running, asyncio.get_running_loop().time())
+        shown = status(bench.running)
         assert {line.wire for line in (*shown.lines, *shown.servers)} == {"direct" if is_direct else "serial"}
 
 

@@ -22,7 +22,7 @@ async def tell_image(operator: Operator, asked: Addresses, asker: Asker) -> Cell
     Raises:
         WrongQuestion: there is no such image, the addresses are invalid, or the asker may not read them.
     """
-    unit, area = picture(operator.gateway, asked.unit), asked.area
+    unit, area = picture(operator, asked.unit), asked.area
     points = points_at(asked, unit)
     span = Span(area, points[0].address, sum(point.count for point in points))
     if span.count > MOST:

@@ -27,11 +27,11 @@ async def tell_unit(operator: Operator, asked: PastOfUnit, _asker: Asker) -> Uni
         WrongQuestion: there is no such unit, or no history.
     """
     gateway = operator.gateway
-    name = asked.unit if isinstance(asked.unit, str) else picture(gateway, asked.unit).name
+    name = asked.unit if isinstance(asked.unit, str) else picture(operator, asked.unit).name
     for owner in gateway.owners:
         if any(device.settings.name == name for device in owner.all_devices):
             return unit_past(past_of(operator, slots_in(asked.hours)), owner.name, name)
-    known = picture(gateway, asked.unit).name
+    known = picture(operator, asked.unit).name
     raise WrongQuestion(f"there is no history of {known}, which is not on a line")
 
 

@@ -5,7 +5,7 @@ Counts are since the start. Durations have their unit in their name.
 
 import asyncio
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, replace
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -47,7 +47,7 @@ from gateway.operator.operations.parameters import fields_of
 from gateway.operator.operator import Operator
 from gateway.operator.status.troubles import troubles
 from gateway.operator.status.unit_states import SLOTS, each_state, each_state_now
-from gateway.operator.status.virtual_sources import SourceState, source_states
+from gateway.operator.status.virtual_sources import source_states
 from gateway.operator.units.units import picture
 from gateway.ports.reconnector import Reconnector
 from gateway.readconfig.expiry import certificates
@@ -67,14 +67,6 @@ if TYPE_CHECKING:
 MOST_USERS: Final = 20
 #: How old the status may be over HTTP, in seconds: any number of readers costs no more than one.
 KEPT: Final = 1.0
-
-
-def status(running: "Running", now: float, recent: Recent | None = None) -> Status:
-    """Make the status at `now`, with rates from `recent` if given."""
-    gateway = running.gateway
-    units = [_unit(owner, device, now) for owner, device in _devices(gateway)]
-    virtual = [_virtual(each.unit, source_states(each.unit, now)) for each in gateway.virtual]
-    return _status(running, now, [_line(each, recent, now) for each in gateway.lines], units, virtual)
 
 
 async def tell_status(operator: Operator, _asked: Nothing, asker: Asker) -> Status:
@@ -115,13 +107,32 @@ async def _with_troubles(operator: Operator) -> Status:
 async def status_in_slices(running: "Running") -> Status:
     """Make the status, with pauses for the lines: each unit is shown as it was in its turn."""
     gateway, recent = running.gateway, running.recent
-    now = asyncio.get_running_loop().time
-    units = await in_slices(_unit(owner, device, now()) for owner, device in _devices(gateway))
-    lines = await in_slices(_line(each, recent, now()) for each in gateway.lines)
-    virtual = [await _virtual_in_slices(each.unit) for each in gateway.virtual]
-    whole = _status(running, now(), lines, units, virtual)
-    state_files = () if running.troubles is None else running.troubles.status()
-    return replace(whole, page=running.page, state_files=state_files)
+    clock = asyncio.get_running_loop().time
+    units = await in_slices(_unit(owner, device, clock()) for owner, device in _devices(gateway))
+    lines = await in_slices(_line(each, recent, clock()) for each in gateway.lines)
+    virtual = [await _virtual(each.unit) for each in gateway.virtual]
+    now = clock()
+    return Status(
+        at=now,
+        site=gateway.plan.site,
+        page=running.page,
+        listeners=tuple(_listener(each) for each in gateway.listeners),
+        clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
+        rejections=tuple(each for listener in gateway.listeners for each in _rejections(listener, now)),
+        lines=tuple(lines),
+        servers=tuple(_server(each) for each in gateway.servers),
+        upstreams=tuple(_upstream(each, recent, now) for each in gateway.upstreams),
+        monitors=tuple(_monitor(each, recent, now) for each in gateway.monitors),
+        units=tuple(units),
+        images=tuple(_image(each, now) for each in gateway.images),
+        mirrors=tuple(_mirror(each.unit, now) for each in gateway.mirrors),
+        virtual=tuple(virtual),
+        certificates=tuple(certificates(running.contexts, time.time())),
+        leases=tuple(_leases(gateway.lines)),
+        moved=tuple(_moved(gateway.lines)),
+        state_files=() if running.troubles is None else running.troubles.status(),
+        **_of_add_ons(running),
+    )
 
 
 async def tell_unit_with_status(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitWithStatus:
@@ -130,7 +141,7 @@ async def tell_unit_with_status(operator: Operator, asked: OneUnit, _asker: Aske
     Raises:
         WrongQuestion: there is none.
     """
-    found = picture(operator.gateway, asked.unit)
+    found = picture(operator, asked.unit)
     status = await part_of_unit(operator.gateway, found.unit, found.name)
     return UnitWithStatus(**fields_of(found), status=status)
 
@@ -145,39 +156,10 @@ async def part_of_unit(
             return _unit(owner, device, now)
     for driver in gateway.virtual:
         if driver.name == name:
-            return await _virtual_in_slices(driver.unit)
+            return await _virtual(driver.unit)
     parts: tuple[ImageStatus | MirrorStatus, ...]
     parts = (*(_image(each, now) for each in gateway.images), *(_mirror(each.unit, now) for each in gateway.mirrors))
     return next((each for each in parts if (each.unit, each.name) == (unit, name)), None)
-
-
-def _status(
-    running: "Running",
-    now: float,
-    lines: Iterable[LineStatus],
-    units: Iterable[UnitStatus],
-    virtual: Iterable[VirtualStatus],
-) -> Status:
-    gateway = running.gateway
-    return Status(
-        at=now,
-        site=gateway.plan.site,
-        listeners=tuple(_listener(each) for each in gateway.listeners),
-        clients=tuple(each for listener in gateway.listeners for each in _clients(listener, now)),
-        rejections=tuple(each for listener in gateway.listeners for each in _rejections(listener, now)),
-        lines=tuple(lines),
-        servers=tuple(_server(each) for each in gateway.servers),
-        upstreams=tuple(_upstream(each, running.recent, now) for each in gateway.upstreams),
-        monitors=tuple(_monitor(each, running.recent, now) for each in gateway.monitors),
-        units=tuple(units),
-        images=tuple(_image(each, now) for each in gateway.images),
-        mirrors=tuple(_mirror(each.unit, now) for each in gateway.mirrors),
-        virtual=tuple(virtual),
-        certificates=tuple(certificates(running.contexts, time.time())),
-        leases=tuple(_leases(gateway.lines)),
-        moved=tuple(_moved(gateway.lines)),
-        **_of_add_ons(running),
-    )
 
 
 def _of_add_ons(running: "Running") -> dict[str, Any]:
@@ -215,11 +197,9 @@ def _rejections(listener: Listener, now: float) -> Iterator[RejectionStatus]:
         yield RejectionStatus(host, listener.settings.name, each.count, milliseconds(now - each.at), each.reason)
 
 
-def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:
+def _line(parts: GatewayLine, recent: Recent, now: float) -> LineStatus:
     line, timing = parts.driver.line, parts.driver.line.settings.timing
-    rate = None if recent is None else recent.rate(parts, now)
-    users = [] if recent is None else recent.users(parts, now)[:MOST_USERS]
-    phases = line.phases(now)
+    rate, phases = recent.rate(parts, now), line.phases(now)
     return LineStatus(
         name=line.settings.name,
         source=line.settings.source,
@@ -238,7 +218,7 @@ def _line(parts: GatewayLine, recent: Recent | None, now: float) -> LineStatus:
         phases=Phases(*(round(each, 3) for each in astuple(phases))),
         unasked_bytes=line.unasked_bytes,
         counts=total_of_units(parts.counts),
-        users=tuple(_users(parts, users)),
+        users=tuple(_users(parts, recent.users(parts, now))),
     )
 
 
@@ -249,9 +229,9 @@ def _leases(lines: Iterable[GatewayLine]) -> Iterator[LeaseStatus]:
             yield LeaseStatus(line.name, name, lease.is_held, lease.holder, line.standby.taken, lease.trouble)
 
 
-def _users(parts: GatewayLine | GatewayMonitor, users: Iterable[LineUser]) -> Iterator[LineUserStatus]:
+def _users(parts: GatewayLine | GatewayMonitor, users: Sequence[LineUser]) -> Iterator[LineUserStatus]:
     names = {device.unit: device.settings.name for device in parts.devices.values()}
-    for (client, unit, function), share, per_second in users:
+    for (client, unit, function), share, per_second in users[:MOST_USERS]:
         name = names.get(unit, "")
         yield LineUserStatus(client, unit, name, function, round(share, 4), round(per_second, 2))
 
@@ -318,7 +298,7 @@ def _monitor(parts: GatewayMonitor, recent: Recent, now: float) -> MonitorStatus
             counts.noise,
         ),
         unknown_units=tuple(UnknownUnitStatus(*each) for each in parts.unknown_units()),
-        users=tuple(_users(parts, recent.users(parts, now)[:MOST_USERS])),
+        users=tuple(_users(parts, recent.users(parts, now))),
     )
 
 
@@ -396,19 +376,14 @@ def _mirror(mirror: Mirror, now: float) -> MirrorStatus:
         polls=counts.polls,
         failed_polls=counts.failed,
         ranges=tuple(
-            RangeStatus(str(poll), milliseconds(poll.every), None if age is None else milliseconds(age))
-            for poll, age in mirror.ages(now)
+            RangeStatus(str(poll), milliseconds(poll.every), optional_ms(age)) for poll, age in mirror.ages(now)
         ),
     )
 
 
-async def _virtual_in_slices(unit: VirtualUnit) -> VirtualStatus:
+async def _virtual(unit: VirtualUnit) -> VirtualStatus:
     """Make the status of a virtual unit, with pauses for the lines."""
-    now = asyncio.get_running_loop().time()
-    return _virtual(unit, await in_slices(source_states(unit, now)))
-
-
-def _virtual(unit: VirtualUnit, sources: Iterable[SourceState]) -> VirtualStatus:
+    sources = await in_slices(source_states(unit, asyncio.get_running_loop().time()))
     settings, answers, counts = unit.settings, unit.answer_counts, unit.counts
     told = tuple(SourceStatus(each.device, each.rows, each.fresh, optional_ms(each.age)) for each in sources)
     return VirtualStatus(

@@ -11,11 +11,10 @@ from gateway.operator.operations.answers.trace import Fact, Meanings, Meant
 from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.asked import ToUnderstand
 from gateway.operator.operations.operation import Asker
-from gateway.operator.operator import Operator
+from gateway.operator.operator import Operator, until_reload
 from gateway.operator.units.units import picture, units_of
 from gateway.profiles.point import Point
 from gateway.registers.items import has_bits, unpack_bits
-from gateway.runtime.gateway import Gateway
 
 #: So many points of each transaction are told; the others are counted.
 FEW: Final = 3
@@ -91,20 +90,10 @@ class Points:
         return found
 
 
-class _Kept:
-    """The points of a gateway: a reload makes another one."""
-
-    def __init__(self) -> None:
-        self.gateway: Gateway | None = None
-        self.points = Points(())
-
-
+@until_reload
 def points_of(operator: Operator) -> Points:
-    """Return the points of all units, collected once until a reload."""
-    kept = operator.kept(_Kept)
-    if kept.gateway is not operator.gateway:
-        kept.gateway, kept.points = operator.gateway, Points(units_of(operator))
-    return kept.points
+    """Collect the points of all units."""
+    return Points(units_of(operator))
 
 
 async def tell_meaning(operator: Operator, asked: ToUnderstand, _asker: Asker) -> Meanings:
@@ -113,7 +102,7 @@ async def tell_meaning(operator: Operator, asked: ToUnderstand, _asker: Asker) -
     Raises:
         WrongQuestion: there is no such unit, or the bytes are none.
     """
-    fact: Fact = {"name": picture(operator.gateway, asked.unit).name, "request": asked.request}
+    fact: Fact = {"name": picture(operator, asked.unit).name, "request": asked.request}
     try:
         return Meanings(tuple(points_of(operator).meant(fact | {"response": asked.response})[0]))
     except ValueError:

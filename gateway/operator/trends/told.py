@@ -30,7 +30,7 @@ async def tell_trend(operator: Operator, asked: TrendOfPoint, asker: Asker) -> P
     Raises:
         WrongQuestion: there is no such point, the asker may not read it, or no trends are kept.
     """
-    unit = picture(operator.gateway, asked.device)
+    unit = picture(operator, asked.device)
     point, trends = point_named(unit, asked.point), trends_of(operator)
     if not Readable(operator.router(asker.door), asker.host, unit.key).has(point.read_span):
         why = f"[[access]] does not let you read {point.name} of {unit.name}"

@@ -15,7 +15,7 @@ from gateway.modbus.pdu import Span
 from gateway.operator.operations.answers.unit import DEVICES, UnitHead, UnitPicture, Units
 from gateway.operator.operations.asked import OneUnit
 from gateway.operator.operations.operation import Asker, Nothing
-from gateway.operator.operator import Operator
+from gateway.operator.operator import Operator, until_reload
 from gateway.profiles.point import Point
 from gateway.profiles.profile import Profile
 from gateway.profiles.read_rules import ReadRules
@@ -39,71 +39,43 @@ async def tell_unit(operator: Operator, asked: OneUnit, _asker: Asker) -> UnitPi
     Raises:
         WrongQuestion: there is none.
     """
-    return picture(operator.gateway, asked.unit)
+    return picture(operator, asked.unit)
 
 
-class _Pictured:
-    """The units that were described last, and their gateway: a reload makes another one."""
-
-    def __init__(self) -> None:
-        self.gateway: Gateway | None = None
-        self.units: tuple[UnitPicture, ...] = ()
-
-
+@until_reload
 def units_of(operator: Operator) -> tuple[UnitPicture, ...]:
-    """Describe every unit, by number; made once until a reload."""
-    pictured = operator.kept(_Pictured)
-    if pictured.gateway is not operator.gateway:
-        pictured.gateway = operator.gateway
-        pictured.units = pictures(pictured.gateway)
-    return pictured.units
+    """Describe every unit, by number; those without one come last, in the order of the config."""
+    gateway = operator.gateway
+    longest, units = gateway.longest_waits, sorted(_units(gateway.plan), key=lambda one: min(one.key, HIGHEST_UNIT + 1))
+    return tuple(_picture(each, gateway, longest) for each in units)
 
 
-def picture(gateway: Gateway, wanted: object) -> UnitPicture:
-    """Describe the unit with this number or name.
-
-    Raises:
-        WrongQuestion: there is none.
-    """
-    key = find_unit(gateway.plan, wanted)
-    found = next((each for each in _units(gateway.plan) if each.key == key), None)
-    if found is None:
-        raise WrongQuestion(f"there is no unit {key}{_who_has_it(gateway.plan)}; modbus-gateway check lists the units")
-    return _picture(found, gateway, gateway.longest_waits)
-
-
-class _Known:
-    """The units that were asked for, by what they were asked for by, and their gateway. Any thread may be amid it."""
-
-    def __init__(self) -> None:
-        self.of: tuple[Gateway | None, dict[int | str, UnitPicture]] = None, {}
-
-
-def known_picture(operator: Operator, wanted: int | str) -> UnitPicture:
+def picture(operator: Operator, wanted: int | str) -> UnitPicture:
     """Describe the unit with this number or name; made once until a reload.
 
     Raises:
         WrongQuestion: there is none.
     """
-    kept, present = operator.kept(_Known), operator.gateway
-    gateway, units = kept.of
-    if gateway is not present:
-        kept.of = present, (units := {})
-    if wanted not in units:
-        units[wanted] = picture(present, wanted)
-    return units[wanted]
+    known, gateway = _pictured(operator), operator.gateway
+    if wanted not in known:
+        key = find_unit(gateway.plan, wanted)
+        found = next((each for each in _units(gateway.plan) if each.key == key), None)
+        if found is None:
+            where = _who_has_it(gateway.plan)
+            raise WrongQuestion(f"there is no unit {key}{where}; modbus-gateway check lists the units")
+        known[wanted] = _picture(found, gateway, gateway.longest_waits)
+    return known[wanted]
 
 
-class _Placed:
-    """The points of units, and the same in the order of their addresses, by unit and area."""
-
-    def __init__(self) -> None:
-        self.units: dict[int, tuple[Sequence[Point], dict[Area, list[Point]]]] = {}
+@until_reload
+def _pictured(_operator: Operator) -> dict[int | str, UnitPicture]:
+    """Make what `picture` remembers, by what was asked for."""
+    return {}
 
 
 def points_within(operator: Operator, unit: UnitPicture, span: Span) -> Sequence[Point]:
     """List the points of a unit with an address in `span`, in their order, without a look at all others."""
-    placed = operator.kept(_Placed).units
+    placed = _placed(operator)
     if unit.key not in placed or placed[unit.key][0] is not unit.points:  # a reload may come amid the work of a reader
         areas: dict[Area, list[Point]] = {area: [] for area in Area}
         for point in sorted(unit.points, key=lambda each: each.address):
@@ -115,10 +87,10 @@ def points_within(operator: Operator, unit: UnitPicture, span: Span) -> Sequence
     return [point for point in near if point.span.end > span.start]
 
 
-def pictures(gateway: Gateway) -> tuple[UnitPicture, ...]:
-    """Describe every unit, by number; those without one come last, in the order of the config."""
-    longest, units = gateway.longest_waits, sorted(_units(gateway.plan), key=lambda one: min(one.key, HIGHEST_UNIT + 1))
-    return tuple(_picture(each, gateway, longest) for each in units)
+@until_reload
+def _placed(_operator: Operator) -> dict[int, tuple[Sequence[Point], dict[Area, list[Point]]]]:
+    """Make what `points_within` remembers: points, and the same in the order of their addresses, by unit and area."""
+    return {}
 
 
 def find_unit(plan: Plan, wanted: object) -> int:

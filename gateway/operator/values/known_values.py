@@ -7,7 +7,6 @@ polls of mirrors, virtual units and MQTT are reads too, as those of clients are.
 import asyncio
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from shlex import quote
 from typing import Final, NamedTuple
 
@@ -21,13 +20,12 @@ from gateway.operator.operations.answers.known_values import KnownValue, KnownVa
 from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.asked import KnownOf
 from gateway.operator.operations.operation import Asker
-from gateway.operator.operator import Operator
+from gateway.operator.operator import Operator, until_reload
 from gateway.operator.units.reached import Readable, device_of
 from gateway.operator.units.units import picture, points_within, units_of
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.profiles.reading import Reading
 from gateway.registers.items import has_bits, items_read, reference
-from gateway.runtime.gateway import Gateway
 
 #: How old a value may be that is polled, in intervals of its poll, and one that only clients read, in seconds.
 STALE_AFTER: Final = 3
@@ -65,21 +63,13 @@ class Known(NamedTuple):
         return self.read is not None and (self.read.outdated or now - self.read.asked_at > self.stale_after)
 
 
-@dataclass
-class _Intervals:
-    """The shortest interval of the polls that read each point, by device and the point's name, until a reload."""
-
-    gateway: Gateway | None = None
-    by_device: Mapping[str, Mapping[str, float]] | None = None
-
-
 async def tell_values(operator: Operator, asked: KnownOf, asker: Asker) -> KnownValues:
     """Return the latest known values of all devices, or of one.
 
     Raises:
         WrongQuestion: there is no such unit.
     """
-    units = devices_with_points(operator) if asked.unit is None else [picture(operator.gateway, asked.unit)]
+    units = devices_with_points(operator) if asked.unit is None else [picture(operator, asked.unit)]
     clock = asyncio.get_running_loop().time(), time.time()
     values = (told(unit, known, *clock) for unit in units for known in known_points(operator, unit, asker))
     return KnownValues(await in_slices(values), hint_for(operator, None if asked.unit is None else units[0]))
@@ -138,16 +128,12 @@ def _has_all(read: LastRead, point: Point) -> bool:
     return fits and read.span.has(point.read_span)
 
 
+@until_reload
 def _intervals(operator: Operator) -> Mapping[str, Mapping[str, float]]:
-    """Find how often each point is polled, as the config says."""
-    kept = operator.kept(_Intervals)
-    if kept.by_device is None or kept.gateway is not operator.gateway:
-        kept.gateway, units = operator.gateway, {unit.name: unit for unit in devices_with_points(operator)}
-        polls = wanted_polls(operator.gateway.plan, units)
-        kept.by_device = {
-            name: _shortest(operator, units[name], (each.poll for each in wanted)) for name, wanted in polls.items()
-        }
-    return kept.by_device
+    """Find the shortest interval of the polls that read each point, by device and the point's name."""
+    units = {unit.name: unit for unit in devices_with_points(operator)}
+    polls = wanted_polls(operator.gateway.plan, units)
+    return {name: _shortest(operator, units[name], (each.poll for each in wanted)) for name, wanted in polls.items()}
 
 
 def _shortest(operator: Operator, unit: UnitPicture, polls: Iterable[Poll]) -> Mapping[str, float]:

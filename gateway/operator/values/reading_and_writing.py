@@ -46,7 +46,7 @@ async def read_points(operator: Operator, asked: PointsToRead, asker: Asker) -> 
     Raises:
         WrongQuestion: there is no such unit, or nothing could be read.
     """
-    unit = picture(operator.gateway, asked.unit)
+    unit = picture(operator, asked.unit)
     outcome, age = await read_all(operator, unit, asker, asked.max_age)
     return Points(**fields_of(await _told(unit, None, outcome)), age_ms=round(age * 1000, 1))
 
@@ -57,7 +57,7 @@ async def read_point(operator: Operator, asked: PointToRead, asker: Asker) -> Va
     Raises:
         WrongQuestion: there is no such point, or it could not be read.
     """
-    unit = picture(operator.gateway, asked.unit)
+    unit = picture(operator, asked.unit)
     point = point_named(unit, asked.name)
     if point.write == "only":
         raise DoesNotFit(f"{point.name} can be written, but not read")
@@ -85,7 +85,7 @@ async def write_point(operator: Operator, asked: PointToWrite, asker: Asker) -> 
     Raises:
         WrongQuestion: there is no such point, the value does not fit, or the unit did not carry it out.
     """
-    unit = picture(operator.gateway, asked.unit)
+    unit = picture(operator, asked.unit)
     point = point_named(unit, asked.name)
     if len(asked.values) != 1:
         raise Malformed(f"{point.name} takes one value, not {len(asked.values)}")
@@ -98,7 +98,7 @@ async def write_points(operator: Operator, asked: PointsToWrite, asker: Asker) -
     Raises:
         WrongQuestion: there is no such point, a value does not fit, or the unit did not carry it out.
     """
-    unit = picture(operator.gateway, asked.unit)
+    unit = picture(operator, asked.unit)
     points = [point_named(unit, str(each.point)) for each in asked.values]
     return await _write(operator, unit, points, [each.value for each in asked.values], asker)
 
@@ -115,7 +115,7 @@ def points_at(asked: Addresses, unit: UnitPicture) -> list[Point]:
 def _any_unit(operator: Operator, wanted: int | str) -> UnitPicture:
     """Describe a unit; a number that is not configured is asked nevertheless, and the answer is 0A."""
     try:
-        return picture(operator.gateway, wanted)
+        return picture(operator, wanted)
     except WrongQuestion:
         if not isinstance(wanted, int):
             raise

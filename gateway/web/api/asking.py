@@ -76,4 +76,4 @@ def unit_in(request: web.Request, operator: Operator) -> UnitPicture:
     Raises:
         WrongQuestion: there is none.
     """
-    return picture(operator.gateway, read_parameters(OneUnit, request.match_info, is_text=True).unit)
+    return picture(operator, read_parameters(OneUnit, request.match_info, is_text=True).unit)

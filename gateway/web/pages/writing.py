@@ -206,7 +206,7 @@ class WritePages:
         """Return whether the same unit still answers, and its points still mean the same."""
         gateway, unit = self._operator.gateway, question.unit
         try:
-            return picture(gateway, unit.name) == unit and target(gateway, unit.key) is question.target
+            return picture(self._operator, unit.name) == unit and target(gateway, unit.key) is question.target
         except WrongQuestion:
             return False
 

@@ -14,7 +14,6 @@ from gateway.operator.operations.answers.unit import RequestAnswer
 from gateway.operator.operations.asked import ToExplain, Traced
 from gateway.operator.operator import Operator
 from gateway.operator.status.metrics import read
-from gateway.operator.status.status import status, status_in_slices
 from gateway.operator.trace.stories import sentences, told
 from gateway.operator.trace.trace import page, stories
 from gateway.operator.units.units import units_of
@@ -23,6 +22,7 @@ from kit.asking import NO_FILE, ask
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.mapped_hall import CONFIG, attach
+from kit.statuses import status
 
 POWERS = "03 00 00 00 03"
 ALL_ROWS = ("03 00 00 00 04", "03 00 14 00 04")
@@ -43,7 +43,7 @@ async def meters(bench: GatewayBench) -> dict[str, SimulatedDevice]:
 
 
 def virtual(bench: GatewayBench) -> Any:
-    (found,) = status(bench.running, asyncio.get_running_loop().time()).virtual
+    (found,) = status(bench.running).virtual
     return found
 
 
@@ -93,11 +93,6 @@ async def test_a_source_without_a_valid_value_is_not_fresh(bench, meters) -> Non
     assert [(each.device, each.state(3000)) for each in virtual(bench).sources if not each.is_fresh] == [
         ("meter-3", "invalid")
     ]
-
-
-async def test_the_status_is_the_same_when_it_is_made_in_slices(bench, meters) -> None:
-    now = asyncio.get_running_loop().time()
-    assert (await status_in_slices(bench.running)).virtual == status(bench.running, now).virtual
 
 
 async def test_metrics_have_the_oldest_age_and_count_the_sources_by_state(bench, meters) -> None:

@@ -68,7 +68,7 @@ class Bench:
             await asyncio.sleep(1)
 
     async def slots(self, point: str = "power", since: float = NOON - DAY):
-        unit = picture(self.operator.gateway, "meter")
+        unit = picture(self.operator, "meter")
         found = await slots_of(self.operator, unit, point_named(unit, point), since, self.time() + DAY)
         return [(slot.time - NOON, slot.least, slot.mean, slot.greatest) for slot in found]
 

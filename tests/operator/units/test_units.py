@@ -8,8 +8,8 @@ from gateway.errors import WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.operator import Operator
-from gateway.operator.units.units import picture, points_within
-from kit.asking import NO_FILE, answers
+from gateway.operator.units.units import points_within
+from kit.asking import NO_FILE, answers, pictured
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -134,23 +134,24 @@ async def test_a_wrong_question_is_refused_in_plain_words(unit, pdu, reason):
 
 async def test_a_unit_is_shown_with_what_it_accepts_and_its_points():
     async with gateway_bench(CONFIG) as bench:
-        silo = picture(bench.gateway, "silo-1")
+        silo = pictured(bench.running, "silo-1")
         assert (silo.unit, silo.kind, silo.profile, silo.functions) == (41, "device", "weigher", (3, 16))
         assert [point.name for point in silo.points][:3] == ["weight", "baud", "address"]
         assert silo.longest_wait_ms > 3000
-        assert picture(bench.gateway, 6).functions is None
-        assert (picture(bench.gateway, 200).kind, picture(bench.gateway, 200).longest_wait_ms) == ("image", 0.0)
-        assert picture(bench.gateway, "image-241").points[0].name == "weight"
-        assert picture(bench.gateway, 37).kind == "upstream"
+        assert pictured(bench.running, 6).functions is None
+        image = pictured(bench.running, 200)
+        assert (image.kind, image.longest_wait_ms) == ("image", 0.0)
+        assert pictured(bench.running, "image-241").points[0].name == "weight"
+        assert pictured(bench.running, 37).kind == "upstream"
         with pytest.raises(WrongQuestion, match="there is no unit 99; modbus-gateway check lists"):
-            picture(bench.gateway, 99)
+            pictured(bench.running, 99)
 
 
 async def test_a_number_that_only_a_listener_of_its_own_leads_to_is_asked_there():
     listener = '[[listen]]\nbind = "tcp://127.0.0.1:5021"\nupstream = "plant"\n'
     async with gateway_bench(listener + CONFIG) as bench:
         with pytest.raises(WrongQuestion, match=r"no unit 99 that all clients can reach; .*--tcp with that address; "):
-            picture(bench.gateway, 99)
+            pictured(bench.running, 99)
 
 
 async def test_points_near_some_addresses_are_found_in_their_order():
@@ -160,7 +161,7 @@ async def test_points_near_some_addresses_are_found_in_their_order():
     config = f'[[line]]\nport = "/dev/hall"\ndevices = [{{ unit = 1, name = "silo", points = [{listed}] }}]\n'
     async with gateway_bench(config) as bench:
         operator = Operator(bench.running, NO_FILE)
-        unit = picture(bench.gateway, "silo")
+        unit = pictured(bench.running, "silo")
 
         def near(start, count):
             return [each.name for each in points_within(operator, unit, Span(Area.HOLDING, start, count))]
@@ -170,5 +171,5 @@ async def test_points_near_some_addresses_are_found_in_their_order():
         assert near(2, 1) == []
         assert near(7, 3) == ["last"]
         await bench.reload(config.replace('"last"', '"end"'))
-        unit = picture(bench.gateway, "silo")
+        unit = pictured(bench.running, "silo")
         assert near(7, 3) == ["end"]

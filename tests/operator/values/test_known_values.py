@@ -9,14 +9,14 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.operations.operation import Asker as Door
 from gateway.operator.operator import Operator
-from gateway.operator.units.units import picture, points_within
+from gateway.operator.units.units import points_within
 from gateway.operator.values.known_values import known_points
 from gateway.operator.values.passed import passed
 from gateway.operator.values.requests import AT_CONTROL
 from gateway.profiles.point import NO_VALUE
 from gateway.request import Caller
 from kit.asker import Asker
-from kit.asking import NO_FILE, answers
+from kit.asking import NO_FILE, answers, pictured
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import gateway_bench
 
@@ -240,13 +240,13 @@ async def test_a_reload_amid_a_look_at_values_spoils_neither_this_one_nor_later_
     async with gateway_bench(CONFIG) as bench:
         attached(bench)
         operator, asker = Operator(bench.running, None), Door(AT_CONTROL, lambda: True)
-        before = picture(bench.gateway, 1)
+        before = pictured(bench.running, 1)
         renamed = CONFIG.replace('"meter", profile', '"twin", profile').replace("holding = 0,", "holding = 1,")
         await bench.reload(renamed)
         assert list(known_points(operator, before, asker)) == []
         await asked(bench, "03 00 00 00 02", unit="twin")
         assert "power" in {point.name for point in points_within(operator, before, Span(Area.HOLDING, 0, 1))}
-        known = {each.point.name: each for each in known_points(operator, picture(bench.gateway, 1), asker)}
+        known = {each.point.name: each for each in known_points(operator, pictured(bench.running, 1), asker)}
         assert known["power"].read is None
 
 
@@ -278,7 +278,7 @@ async def test_of_a_device_without_points_the_registers_that_passed_last_are_fou
             await asyncio.sleep(1)
         operator = Operator(bench.running, NO_FILE)
         asker = Door(Caller.without_address("web"), lambda: True)
-        found = await passed(operator, picture(bench.running.gateway, "press"), asker)
+        found = await passed(operator, pictured(bench.running, "press"), asker)
         assert [(each.span.start, each.items.hex()) for each in found] == [
             (0, "000000000001"[:4] + "00000000"),
             (7, "00050009"),
@@ -286,7 +286,7 @@ async def test_of_a_device_without_points_the_registers_that_passed_last_are_fou
         assert found[0].span.area is Area.HOLDING
         assert found[0].age < found[1].age
         await bench.reload(CONFIG.replace("unit = 6,", "unit = 7, as = 6,"))
-        assert await passed(operator, picture(bench.running.gateway, "press"), asker) == []
+        assert await passed(operator, pictured(bench.running, "press"), asker) == []
 
 
 async def test_who_may_not_read_an_area_does_not_see_what_passed():
@@ -294,7 +294,7 @@ async def test_who_may_not_read_an_area_does_not_see_what_passed():
         attached(bench)
         for pdu in ("03 00 00 00 03", "04 00 00 00 03"):
             await asked(bench, pdu, unit=6)
-        asker, press = Door(AT_CONTROL, lambda: True, "10.0.0.9", "web"), picture(bench.running.gateway, "press")
+        asker, press = Door(AT_CONTROL, lambda: True, "10.0.0.9", "web"), pictured(bench.running, "press")
         found = await passed(Operator(bench.running, NO_FILE), press, asker)
         assert [each.span.area for each in found] == [Area.INPUT]
 
@@ -303,6 +303,6 @@ async def test_a_read_that_came_while_values_are_told_is_not_younger_than_now():
     async with gateway_bench(CONFIG) as bench:
         attached(bench)
         await asked(bench, "03 00 00 00 03")
-        unit, operator = picture(bench.running.gateway, "meter"), Operator(bench.running, NO_FILE)
+        unit, operator = pictured(bench.running, "meter"), Operator(bench.running, NO_FILE)
         known, *_ = known_points(operator, unit, Door(Caller.without_address("control"), lambda: True))
         assert known.age(now=0.0) == 0.0

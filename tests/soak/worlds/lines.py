@@ -19,13 +19,13 @@ from gateway.listeners.sessions.mbap import MbapSession
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
 from gateway.modbus.frame import Frame
-from gateway.operator.status.status import status
 from gateway.ports.port import OpenPort, Port, PortUser, SerialSettings
 from gateway.request import Caller
 from kit.faulty import Fault, FaultyDevice, FaultyLine
 from kit.gateway_bench import GatewayBench, keep_lines_open
 from kit.memory import MemoryLine
 from kit.other_client import Adapter, OtherClient
+from kit.statuses import status
 from soak.kinds_of_lines import CONFIG, LINES, NUMBERS, SLOW, UNITS, LineKind
 from soak.questions import CLIENTS, Question, Questions, Values
 from soak.stalling_server import StallingServer
@@ -380,7 +380,7 @@ async def play(transactions: int, share: float, seed: int, config: str = CONFIG)
             tally.complain(f"no answer to {question.unit}: {question.pdu.hex(' ').upper()}")
     if tally.slowest > PATIENCE:
         tally.complain(f"an answer took {tally.slowest:.3f} s")
-    for line, of_gateway in zip(world.lines, status(bench.running, world.loop.time()).lines, strict=True):
+    for line, of_gateway in zip(world.lines, status(bench.running).lines, strict=True):
         tally.injected.update({fault.value: count for fault, count in line.injected.items()})
         tally.counts.update(asdict(of_gateway.counts) | {"unasked_bytes": of_gateway.unasked_bytes})
     tally.broadcasts = sum(client.questions.broadcasts for client in clients)

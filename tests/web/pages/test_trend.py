@@ -165,7 +165,7 @@ async def test_sparklines_of_all_points(bench):
     await asyncio.sleep(120)
     await bench.hears(200)
     operator = bench.web.operator
-    unit = picture(operator.gateway, 41)
+    unit = picture(operator, 41)
     lines = await sparklines(operator)
     line = lines.of(unit, unit.points[1])
     assert (line.least, line.greatest) == ("10.0", "20.0")
