@@ -161,6 +161,8 @@ class _Parent:
                 if task := key.data():
                     return task
             if not self._controls:
+                for pid in self._running:  # a gateway whose test was killed would open the ports of others
+                    os.kill(pid, signal.SIGKILL)
                 return None
 
     def _accept(self) -> None:
