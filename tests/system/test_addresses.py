@@ -140,6 +140,11 @@ def test_a_release_wants_addresses_and_its_version_and_its_changes(some):
     assert hindrances(some, "v7.0.1") == []
 
 
+def test_the_changes_begin_with_those_of_this_version():
+    (version,) = re.findall(r'^__version__ = "(.*)"', (CHECKOUT / "gateway/version.py").read_text(), re.MULTILINE)
+    assert re.findall("^## ([^,]+),", (CHECKOUT / "CHANGELOG.md").read_text(), re.MULTILINE)[0] == version
+
+
 def test_the_command_says_no(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["addresses.py", "--release", "v0.0.0"])
     assert main() == 1
