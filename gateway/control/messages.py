@@ -1,11 +1,11 @@
 """The JSON objects of the control socket: the question and the answers of an operation."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import is_dataclass
 from typing import Any, Final, TypeVar
 
-from gateway.operator.operations.json_text import pieces
+from gateway.operator.operations.json_text import json_text
 from gateway.operator.operations.operation import Operation
 from gateway.operator.operations.parameters import fields_of
 from gateway.operator.operations.results import NotUnderstoodError, read_result
@@ -17,16 +17,17 @@ R = TypeVar("R")
 END: Final[Mapping[str, Any]] = {"end": True}
 
 
-def line_of(message: Mapping[str, Any], paced: Callable[[Iterator[str]], Iterator[str]] = iter) -> bytes:
-    """Encode a message as one line: a JSON object, in which dataclasses are objects too. `paced` makes pauses."""
-    return b"".join([piece.encode() for piece in paced(pieces(message, _ENCODER.encode))]) + b"\n"
-
-
 def _plain(value: object) -> dict[str, Any] | str:
     return fields_of(value) if is_dataclass(value) else str(value)
 
 
-_ENCODER: Final = json.JSONEncoder(default=_plain)
+#: Writes a message as JSON, in which dataclasses are objects too.
+WRITE: Final = json.JSONEncoder(default=_plain).encode
+
+
+def line_of(message: Mapping[str, Any]) -> bytes:
+    """Encode a message as one line."""
+    return json_text(message, WRITE) + b"\n"
 
 
 def question_of(operation: Operation[P, R], asked: P) -> dict[str, Any]:

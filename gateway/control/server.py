@@ -16,23 +16,20 @@ import asyncio
 import json
 import socket
 import stat
-from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Mapping
 from contextlib import aclosing, asynccontextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from gateway.clock.beside import end
-from gateway.clock.slices import turn, with_rests
-from gateway.clock.threads import ThreadPerCall
-from gateway.control.messages import END, answer_of, line_of
+from gateway.clock.slices import turn
+from gateway.control.messages import END, WRITE, answer_of, line_of
 from gateway.errors import WrongQuestion
 from gateway.events import ControlClosed, Emit, PartFailed
-from gateway.operator.operations.answers.status import Status
-from gateway.operator.operations.answers.unit import UnitPicture, Units
 from gateway.operator.operations.operation import Asker, Operation
 from gateway.operator.operations.parameters import read_parameters
 from gateway.operator.operations.table import BY_NAME
+from gateway.operator.operations.writing import written
 from gateway.operator.operator import Operator
 from gateway.operator.values.requests import AT_CONTROL
 from gateway.runtime.garbage import no_collection
@@ -42,9 +39,6 @@ from gateway.version import __version__
 LONGEST_REQUEST: Final = 64 * 1024
 #: How long a connection may be idle, in seconds.
 PATIENCE: Final = 60.0
-#: Answers that may be long, and from how many values on a list is.
-_LONG: Final = (Status, Units, UnitPicture)
-_MANY: Final = 256
 #: Concurrent connections.
 MOST_CONNECTIONS: Final = 16
 
@@ -223,20 +217,10 @@ def _refuse(why: str) -> dict[str, Any]:
 
 
 async def _written(answer: Mapping[str, Any]) -> bytes:
-    """Write an answer as a line; one that may be long in a thread: the lines do not wait for it."""
-    if not any(map(_is_long, answer.values())):
-        return _line(answer)
-    call = partial(_line_with_rests, answer)
+    """Write an answer as a line."""
+    writing = written({"version": __version__, **answer}, WRITE)
     del answer
-    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("control answer"), call)
-
-
-def _is_long(told: object) -> bool:
-    return isinstance(told, _LONG) or (isinstance(told, Sequence) and len(told) > _MANY and not isinstance(told, str))
-
-
-def _line_with_rests(answer: Mapping[str, Any]) -> bytes:
-    return line_of({"version": __version__, **answer}, with_rests)
+    return await writing + b"\n"
 
 
 def _line(answer: Mapping[str, Any]) -> bytes:

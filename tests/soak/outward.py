@@ -218,7 +218,7 @@ def watch_gateways() -> None:
     def set_attribute(bench: object, name: str, value: object) -> None:
         object.__setattr__(bench, name, _Events(value) if name == "events" else value)
 
-    def remember(running: Running, *args: Any) -> str:
+    def remember(running: Running, *_args: Any, **_kwargs: Any) -> str:
         playing.running = running
         return "a gateway starts"
 

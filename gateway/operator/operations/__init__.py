@@ -3,5 +3,6 @@
 - table        all operations, by name: parameters, result, right; every door is built from it
 - operation    one row of that table
 - asked, answers    the types of parameters and of results
-- parameters, results, json_text    read parameters from JSON or text, and results from JSON; write answers as JSON
+- parameters, results    read parameters from JSON or text, and results from JSON
+- json_text, writing    write answers as JSON
 """

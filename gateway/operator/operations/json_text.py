@@ -12,7 +12,23 @@ from gateway.operator.operations.parameters import fields_of
 #: The most items of a list in one piece.
 FEW: Final = 16
 
+#: A text is long from so many characters on.
+_MANY: Final = 4096
+
 Write = Callable[[object], str]
+
+
+def json_text(answer: object, write: Write, paced: Callable[[Iterator[str]], Iterator[str]] = iter) -> bytes:
+    """Write an answer as `write` does, in UTF-8; `paced` makes pauses between its pieces."""
+    return b"".join([piece.encode() for piece in paced(pieces(answer, write))])
+
+
+def has_long_lists(answer: object, depth: int = 2) -> bool:
+    """Tell whether an answer, or an object up to `depth` deep in it, has a long list or text."""
+    if isinstance(answer, str):
+        return len(answer) > _MANY
+    members = _members(answer) if depth else None
+    return _is_long(answer) or any(has_long_lists(each, depth - 1) for each in (members or {}).values())
 
 
 def pieces(answer: object, write: Write, depth: int = 2) -> Iterator[str]:

@@ -5,23 +5,15 @@ field that is added later needs a default.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from functools import cache
+from itertools import repeat
 from types import NoneType, UnionType
 from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 R = TypeVar("R")
 _Read = Callable[[Any], Any]
-
-#: The JSON types of plain values, and their names in messages.
-_PLAIN: Final[Mapping[Any, tuple[tuple[type, ...], str]]] = {
-    str: ((str,), "a text"),
-    int: ((int,), "a whole number"),
-    float: ((int, float), "a number"),
-    bool: ((bool,), "true or false"),
-    NoneType: ((NoneType,), "null"),
-}
 
 
 class NotUnderstoodError(ValueError):
@@ -32,9 +24,9 @@ class NotUnderstoodError(ValueError):
         self.what = what
         self.place = place
 
-    def inside(self, place: str) -> "NotUnderstoodError":
-        """Return the same error for a field inside `place`."""
-        return NotUnderstoodError(self.what, place + self.place)
+    def inside(self, place: int | str) -> "NotUnderstoodError":
+        """Return the same error for a value inside another one: at this place in a list, or in this field."""
+        return NotUnderstoodError(self.what, (f"[{place}]" if isinstance(place, int) else f".{place}") + self.place)
 
 
 def read_result(kind: type[R], told: object) -> R:
@@ -43,30 +35,35 @@ def read_result(kind: type[R], told: object) -> R:
     Raises:
         NotUnderstoodError: a field is missing, or holds something else; the message names it.
     """
-    result: R = _reader_of(kind)(told)
+    hint: Any = kind
+    result: R = _reader(hint)(told)
     return result
-
-
-def _reader_of(kind: Any) -> _Read:
-    return _reader(kind)
 
 
 @cache
 def _reader(hint: Any) -> _Read:
     """Make the reader of values of this type."""
-    make = _COMPOSED.get(get_origin(hint))
-    if make is not None:
-        return make(get_args(hint))
-    if hint in _PLAIN:
-        return _plain(*_PLAIN[hint])
-    if isinstance(hint, type) and is_dataclass(hint):
-        return _fields(hint)
-    if isinstance(hint, type) and issubclass(hint, Enum):
-        return _one_of_enum(hint)
-    return lambda told: told
+    kind, hints = get_origin(hint) or hint, get_args(hint)
+    if kind is Annotated:
+        read = _reader(hints[0])
+    elif kind in (Union, UnionType):
+        read = _any_of(hints)
+    elif kind is Literal:
+        read = _one_of(hints)
+    elif kind in (tuple, list, Sequence):
+        read = _list(kind, hints)
+    elif kind in (dict, Mapping):
+        read = _table(*hints)
+    elif is_dataclass(kind):
+        read = _fields(kind)
+    elif isinstance(kind, type) and issubclass(kind, Enum):
+        read = _member(kind)
+    else:
+        read = _PLAIN.get(kind, lambda told: told)
+    return read
 
 
-def _plain(kinds: tuple[type, ...], called: str) -> _Read:
+def _plain(called: str, *kinds: type) -> _Read:
     takes_bool = bool in kinds
 
     def read(told: Any) -> Any:
@@ -75,6 +72,17 @@ def _plain(kinds: tuple[type, ...], called: str) -> _Read:
         return told
 
     return read
+
+
+#: The readers of plain values.
+_PLAIN: Final[Mapping[Any, _Read]] = {
+    str: _plain("a text", str),
+    int: _plain("a whole number", int),
+    float: _plain("a number", int, float),
+    bool: _plain("true or false", bool),
+}
+_LIST: Final = _plain("a list", list)
+_OBJECT: Final = _plain("an object", dict)
 
 
 def _one_of(values: tuple[Any, ...]) -> _Read:
@@ -86,74 +94,58 @@ def _one_of(values: tuple[Any, ...]) -> _Read:
     return read
 
 
-def _one_of_enum(kind: type[Enum]) -> _Read:
+def _member(kind: type[Enum]) -> _Read:
     read_value = _one_of(tuple(each.value for each in kind))
     return lambda told: kind(read_value(told))
 
 
 def _any_of(hints: tuple[Any, ...]) -> _Read:
     """Make a reader that tries these types in turn; the error is that of the last one."""
-    others = [_reader(each) for each in hints if each is not NoneType]
-    takes_null = len(others) < len(hints)
+    *others, last = (_reader(each) for each in hints if each is not NoneType)
 
     def read(told: Any) -> Any:
-        if told is None and takes_null:
+        if told is None and NoneType in hints:
             return None
-        for reader in others[:-1]:
+        for reader in others:
             try:
                 return reader(told)
             except NotUnderstoodError:
                 continue
-        return others[-1](told)
+        return last(told)
 
     return read
 
 
-def _tuple(hints: tuple[Any, ...]) -> _Read:
-    """Make a reader of a tuple: of any length, or with a type for each value."""
-    if hints[-1] is Ellipsis:
-        read_list = _list(hints)
-        return lambda told: tuple(read_list(told))
-    readers = [_reader(each) for each in hints]
+def _list(kind: Any, hints: tuple[Any, ...]) -> _Read:
+    """Make a reader of a list, or of a tuple: of any length, or with a type for each value."""
+    many = None if kind is not tuple or hints[-1] is Ellipsis else len(hints)
+    readers = repeat(_reader(hints[0])) if many is None else [_reader(each) for each in hints]
 
     def read(told: Any) -> Any:
-        _require(told, list, "a list")
-        if len(told) != len(readers):
-            raise NotUnderstoodError(f"does not have {len(readers)} values")
-        return tuple(reader(each) for reader, each in zip(readers, told, strict=True))
-
-    return read
-
-
-def _list(hints: tuple[Any, ...]) -> _Read:
-    reader = _reader(hints[0])
-
-    def read(told: Any) -> Any:
-        _require(told, list, "a list")
+        if many not in (None, len(_LIST(told))):
+            raise NotUnderstoodError(f"does not have {many} values")
         values: list[Any] = []
         try:
-            for each in told:
-                values.append(reader(each))  # noqa: PERF401 - how far it got says where an error is
+            for reader, each in zip(readers, told, strict=False):
+                values.append(reader(each))
         except NotUnderstoodError as wrong:
-            raise wrong.inside(f"[{len(values)}]") from None
-        return values
+            raise wrong.inside(len(values)) from None
+        return tuple(values) if kind is tuple else values
 
     return read
 
 
-def _table(hints: tuple[Any, ...]) -> _Read:
+def _table(key: Any, value: Any) -> _Read:
     """Make a reader of a mapping. Keys are text in JSON."""
-    read_key = _number if hints[0] is int else _reader(hints[0])
-    read_value = _reader(hints[1])
+    read_key, read_value = _number if key is int else _reader(key), _reader(value)
 
     def read(told: Any) -> Any:
-        _require(told, dict, "an object")
         name, values = "", {}
         try:
-            for name, each in told.items():
+            for name, each in _OBJECT(told).items():
                 values[read_key(name)] = read_value(each)
         except NotUnderstoodError as wrong:
-            raise wrong.inside(f".{name}") from None
+            raise wrong.inside(name) from None
         return values
 
     return read
@@ -166,15 +158,14 @@ def _number(key: str) -> int:
         raise NotUnderstoodError("is not a number") from None
 
 
-def _fields(kind: type[Any]) -> _Read:
+def _fields(kind: Any) -> _Read:
     """Make a reader of a dataclass."""
-    hints = get_type_hints(kind)
-    readers = {each.name: _reader(hints[each.name]) for each in fields(kind) if each.init}
-    required = {each.name for each in fields(kind) if each.init and _is_required(each)}
+    hints, known = get_type_hints(kind), [each for each in fields(kind) if each.init]
+    readers = {each.name: _reader(hints[each.name]) for each in known}
+    required = {each.name for each in known if each.default is MISSING and each.default_factory is MISSING}
 
     def read(told: Any) -> Any:
-        _require(told, dict, "an object")
-        missing = required - told.keys()
+        missing = required - _OBJECT(told).keys()
         if missing:
             raise NotUnderstoodError("is missing", f".{min(missing)}")
         name, values = "", {}
@@ -183,30 +174,7 @@ def _fields(kind: type[Any]) -> _Read:
                 if name in told:
                     values[name] = reader(told[name])
         except NotUnderstoodError as wrong:
-            raise wrong.inside(f".{name}") from None
+            raise wrong.inside(name) from None
         return kind(**values)
 
     return read
-
-
-def _is_required(field: Field[Any]) -> bool:
-    return field.default is MISSING and field.default_factory is MISSING
-
-
-#: What makes the readers of composed types.
-_COMPOSED: Final[Mapping[Any, Callable[[tuple[Any, ...]], _Read]]] = {
-    Annotated: lambda hints: _reader(hints[0]),
-    Union: _any_of,
-    UnionType: _any_of,
-    Literal: _one_of,
-    tuple: _tuple,
-    list: _list,
-    Sequence: _list,
-    dict: _table,
-    Mapping: _table,
-}
-
-
-def _require(told: object, kind: type, called: str) -> None:
-    if not isinstance(told, kind):
-        raise NotUnderstoodError(f"is not {called}")

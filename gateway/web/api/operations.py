@@ -5,28 +5,19 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from functools import partial
 from typing import Any, Final
 
 from aiohttp import web
 
-from gateway.clock.slices import turn, with_rests
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.slices import turn
 from gateway.errors import NotPermitted
 from gateway.modbus.codes import Area
-from gateway.operator.operations.answers.config import CheckedConfig, ConfigInUse
-from gateway.operator.operations.answers.events import Happened
-from gateway.operator.operations.answers.inventory import Inventory
-from gateway.operator.operations.answers.known_values import KnownValues
-from gateway.operator.operations.answers.past import LinePast, UnitPast
 from gateway.operator.operations.answers.running import Reloaded
-from gateway.operator.operations.answers.status import Lines, Sites, Status
-from gateway.operator.operations.answers.trend import PointTrend
-from gateway.operator.operations.answers.unit import UnitPicture, Units
-from gateway.operator.operations.answers.values import Cells, Points
-from gateway.operator.operations.json_text import pieces
+from gateway.operator.operations.answers.status import Status
+from gateway.operator.operations.json_text import json_text
 from gateway.operator.operations.operation import Asker, Operation
 from gateway.operator.operations.parameters import Parameter, fields_of, parameters_of
+from gateway.operator.operations.writing import written
 from gateway.operator.operator import Operator
 from gateway.runtime.garbage import no_collection
 from gateway.web.access.guard import Need
@@ -38,12 +29,7 @@ ROOT: Final = "/api/v1"
 #: Operations; those with a path have a route here.
 Operations = Sequence[Operation[Any, Any]]
 
-#: Answers that may be long are written in a thread. One costs more than most answers: others are written at once.
-_LONG: Final = (
-    *(Status, ConfigInUse, CheckedConfig, Lines, Happened, LinePast, Units, UnitPicture, UnitPast, Cells, Points),
-    *(Inventory, KnownValues, PointTrend, Sites),
-)
-_ENCODER: Final = json.JSONEncoder(default=fields_of, ensure_ascii=False)
+_WRITE: Final = json.JSONEncoder(default=fields_of, ensure_ascii=False).encode
 #: A parameter in the path of an operation.
 NAMED: Final = re.compile(r"\{(\w+)\}")
 #: The last parameter of a path, which may be left out with what joins it to the one before.
@@ -97,40 +83,27 @@ class _Handler:
         answer = await self.operation.answer(self._operator, asked, asker)
         if isinstance(answer, Reloaded) and not answer.ok:
             raise _not_reloaded(answer)
-        written = self._written_once(answer) if isinstance(answer, Status) else _written(answer)
+        writing = self._written_once(answer) if isinstance(answer, Status) else written(answer, _WRITE)
         del answer
-        return await written
+        return await writing
 
     async def _written_once(self, status: Status) -> bytes:
         async with self._one_status_at_a_time:
             if status is not self._status:
-                self._body = await _written(status)
+                self._body = await written(status, _WRITE)
                 self._status = status
             return self._body
 
 
 def json_of(body: object) -> bytes:
     """Write dataclasses and JSON values as JSON in UTF-8."""
-    return b"".join([piece.encode() for piece in pieces(body, _ENCODER.encode)])
-
-
-def _json_with_rests(body: object) -> bytes:
-    return b"".join([piece.encode() for piece in with_rests(pieces(body, _ENCODER.encode))])
+    return json_text(body, _WRITE)
 
 
 def json_response(body: bytes) -> web.Response:
     """Make a response from JSON."""
     headers = {"Cache-Control": "no-store"}
     return web.Response(body=body, content_type="application/json", charset="utf-8", headers=headers)
-
-
-async def _written(answer: object) -> bytes:
-    """Write an answer as JSON."""
-    if not isinstance(answer, _LONG):
-        return json_of(answer)
-    call = partial(_json_with_rests, answer)
-    del answer
-    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web API"), call)
 
 
 def _not_reloaded(outcome: Reloaded) -> ProblemError:

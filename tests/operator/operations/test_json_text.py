@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.operator.operations.json_text import FEW, pieces
+from gateway.operator.operations.json_text import FEW, has_long_lists, pieces
 from gateway.operator.operations.parameters import fields_of
 
 WRITE = partial(json.dumps, default=fields_of, ensure_ascii=False)
@@ -56,3 +56,18 @@ def test_no_piece_has_more_than_some_items() -> None:
 @pytest.mark.parametrize("empty", [{}, [], (), Status(())])
 def test_what_is_empty(empty: object) -> None:
     assert "".join(pieces(empty, WRITE)) == WRITE(empty)
+
+
+@pytest.mark.parametrize(
+    ("answer", "is_long"),
+    [
+        ([0] * FEW, False),
+        ([0] * (FEW + 1), True),
+        ({"ok": True, "status": Status((Unit("a"),))}, False),
+        ({"ok": True, "status": Status((Unit("a"),) * 100)}, True),
+        ({"text": "x" * 10_000}, True),
+        ({"a": {"b": {"c": [0] * 100}}}, False),
+    ],
+)
+def test_an_answer_is_long_if_a_list_or_text_near_its_top_is(answer, is_long):
+    assert has_long_lists(answer) is is_long

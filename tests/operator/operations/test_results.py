@@ -87,7 +87,7 @@ def without(result, *names):
         ({"who": None}, "'who' is not a text"),
         ({"last": True}, "'last' is not an object"),
         ({"is_fine": 1}, "'is_fine' is not true or false"),
-        ({"span": [True, 1]}, "'span' is not a whole number"),
+        ({"span": [True, 1]}, "'span[0]' is not a whole number"),
     ],
 )
 def test_what_is_wrong_is_named(change, said):

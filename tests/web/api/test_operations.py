@@ -45,7 +45,7 @@ async def test_it_is_there_over_http(bench):
 
 
 async def test_a_short_answer_is_written_without_a_thread(bench, monkeypatch):
-    monkeypatch.setattr("gateway.web.api.operations.ThreadPerCall", None)
+    monkeypatch.setattr("gateway.operator.operations.writing.ThreadPerCall", None)
     assert (await bench.browser().get("/api/v1/words/well")).json["words"] == ["well", "well"]
 
 
