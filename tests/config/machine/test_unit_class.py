@@ -2,11 +2,14 @@
 
 import sys
 from textwrap import dedent
+from threading import Event
+from types import SimpleNamespace
 
 import pytest
 
 from gateway.config.machine import unit_class
 from gateway.config.machine.unit_class import find_class, unit_trouble
+from kit.process import PATIENCE
 
 
 @pytest.fixture
@@ -235,8 +238,10 @@ def test_a_method_with_a_decorator_is_what_it_decorates(folder):
 @pytest.mark.interpreted
 def test_a_module_that_takes_too_long(folder, monkeypatch):
     monkeypatch.setattr(unit_class, "IMPORT_TIME", 0.05)
-    write(folder, "import time\ntime.sleep(0.5)\n")
+    monkeypatch.setitem(sys.modules, "gate", gate := SimpleNamespace(opens=Event()))
+    write(folder, f"import gate\ngate.opens.wait({PATIENCE})\n")
     assert said(folder, "clock_a:Clock") == (
         "clock_a:Clock could not be imported and made within 0.05 s "
         "| let it do later what takes long, in read and write"
     )
+    gate.opens.set()
