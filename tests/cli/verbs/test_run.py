@@ -21,6 +21,11 @@ def port() -> int:
     return free_port()
 
 
+def own(folder: Path) -> dict[str, str]:
+    """The environment of a gateway that shares neither its state nor its control socket with others."""
+    return {**os.environ, "STATE_DIRECTORY": str(folder), "RUNTIME_DIRECTORY": str(folder)}
+
+
 def can_connect(port: int) -> bool:
     try:
         socket.create_connection(("127.0.0.1", port), timeout=PATIENCE).close()
@@ -48,7 +53,7 @@ def test_a_log_that_nobody_reads_stops_neither_the_gateway_nor_its_end(tmp_path:
         f'[[listen]]\nbind = "tcp://127.0.0.1:{free_port}"\n[[image]]\nunit = 200\nholding = 1\n'
         '[log]\nlevel = "debug"\nformat = "json"\n'
     )
-    with subprocess.Popen([*COMMAND, "run", str(config)], stderr=subprocess.PIPE) as process:
+    with subprocess.Popen([*COMMAND, "run", str(config)], stderr=subprocess.PIPE, env=own(tmp_path)) as process:
         try:
             assert process.stderr is not None
             # Room for a page of log, and enough clients to fill it many times.
@@ -67,8 +72,7 @@ def test_it_reads_its_config_again_though_nobody_can_hear_of_it(tmp_path: Path, 
     config, text = tmp_path / "gateway.toml", f'[[listen]]\nbind = "tcp://127.0.0.1:{free_port}"\n'
     config.write_text(f"{text}[[image]]\nunit = 7\nholding = 1\n")
     without_stderr = ["sh", "-c", 'exec "$@" 2>&-', "sh", *COMMAND]
-    environment = {**os.environ, "STATE_DIRECTORY": str(tmp_path), "RUNTIME_DIRECTORY": str(tmp_path)}
-    with subprocess.Popen([*without_stderr, "run", str(config)], env=environment) as process:
+    with subprocess.Popen([*without_stderr, "run", str(config)], env=own(tmp_path)) as process:
         try:
             until(lambda: can_connect(free_port), "it does not start")
             config.write_text(f"{text}[[image]]\nunit = 200\nholding = 1\n")
@@ -87,8 +91,7 @@ def test_it_says_at_the_start_that_a_device_is_asked_elsewhere_than_the_config_s
         f'[[line]]\nport = "{tmp_path}/hall"\ndevices = [{{ unit = 1, name = "silo-1", profile = "weigher" }}]\n'
     )
     (tmp_path / "addresses.json").write_text(f'{{"{tmp_path}/hall silo-1": {{"configured": 1, "now": 5}}}}')
-    environment = {**os.environ, "STATE_DIRECTORY": str(tmp_path)}
-    with subprocess.Popen([*COMMAND, "run", str(config)], stderr=subprocess.PIPE, env=environment) as process:
+    with subprocess.Popen([*COMMAND, "run", str(config)], stderr=subprocess.PIPE, env=own(tmp_path)) as process:
         try:
             assert process.stderr is not None
             told: dict[str, object] = {}
