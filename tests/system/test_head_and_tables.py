@@ -37,7 +37,7 @@ def test_the_head_tells_how_it_is_and_its_clock_goes_on(page, address):
     assert re.match(r"\d+\.\d+\.\d+ · up .+ · \d\d:\d\d:\d\d \S+", facts.inner_text())
     before = page.locator("[data-clock]").inner_text()
     until(page, lambda: page.locator("[data-clock]").inner_text() != before)
-    assert page.locator(".apart").inner_text() == ""
+    until(page, lambda: page.locator(".apart").inner_text() == "")  # a busy machine may show a page seconds late
 
 
 def test_a_clock_that_differs_from_the_browsers_is_told(browser, address):
