@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import Empty, Queue
 from tempfile import TemporaryFile
@@ -17,6 +17,9 @@ from kit.prepared import Preparation, PreparedProcess
 
 #: How long a process may take for anything, in seconds. Real machines are slow at times.
 PATIENCE = 120.0
+
+#: Comes after the last event of a process.
+_ENDED = "the process has ended"
 
 COMMAND = [sys.executable, "-P", "-m", "gateway.cli.main"]
 
@@ -118,7 +121,11 @@ class GatewayProcess:
         self._log = os.fdopen(log)
         self._reader = threading.Thread(target=self._read_log, name="gateway's log")
         self._reader.start()
-        ready = self.wait_for("ready")
+        try:
+            ready = self.wait_for("ready")
+        except BaseException:
+            self.__exit__()
+            raise
         self.ports = {address.partition(":")[0]: int(address.rpartition(":")[2]) for address in ready["listeners"]}
         self.port = int(ready["listeners"][0].rsplit(":", 1)[1])
         return self
@@ -148,12 +155,13 @@ class GatewayProcess:
     def wait_for(self, event: str, patience: float = PATIENCE) -> dict[str, Any]:
         """The next event of this name, if there are `patience` seconds at most between events."""
         while True:
-            try:
+            with suppress(Empty):
                 found = self._events.get(timeout=patience)
-            except Empty:
-                raise AssertionError(f"no event {event}; log: {self.log}, {self.rest}") from None
-            if found["event"] == event:
-                return found
+                if found["event"] == event:
+                    return found
+                if found["event"] != _ENDED:
+                    continue
+            raise AssertionError(f"no event {event}; log: {self.log}, {self.rest}")
 
     def first(self, event: str) -> dict[str, Any]:
         """The first event of this name since the start, also one from before `ready`."""
@@ -182,4 +190,4 @@ class GatewayProcess:
                 continue
             self.log.append(event)
             self._events.put(event)
-        self._events.put({"event": "the process has ended"})
+        self._events.put({"event": _ENDED})
