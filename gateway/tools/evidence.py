@@ -25,7 +25,7 @@ from gateway.images.virtual.unit import VirtualUnit
 from gateway.lines.counts import Belated, Overheard, UnitCounts, total
 from gateway.listeners.tcp import TcpListener
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.operator.status.status import oldest
+from gateway.operator.status.unit_status import oldest
 from gateway.operator.status.virtual_sources import source_states
 from gateway.ports.port import SerialSettings
 from gateway.runtime.gateway import Gateway, Listener, Owner

@@ -25,8 +25,8 @@ from gateway.operator.operator import Operator
 from gateway.operator.past.events import last_events, told
 from gateway.operator.status.metrics import read
 from gateway.operator.status.status import tell_status
+from gateway.operator.trace.facts import clocks, fact
 from gateway.operator.trace.reader import what_is_seen, without_values
-from gateway.operator.trace.trace import clocks, fact
 from gateway.operator.trace.unit_names import UnitNames
 from gateway.runtime.reload import Reloader
 from gateway.state.memory import state_folder

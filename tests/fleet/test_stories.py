@@ -16,7 +16,7 @@ from gateway.fleet.messages import Message
 from gateway.fleet.slots import MOST_OF_SENDER
 from gateway.operator.operations.asked import ToExplain
 from gateway.operator.trace.stories import sentences
-from gateway.operator.trace.trace import stories
+from gateway.operator.trace.why import stories
 from gateway.runtime.gateway import Gateway
 from kit.asking import ask
 from kit.device import SimulatedDevice, SimulatedLine

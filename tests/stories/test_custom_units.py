@@ -10,7 +10,7 @@ from gateway.modbus.pdu import Span
 from gateway.operator.images.kept import kept, window
 from gateway.operator.operations.asked import ToExplain
 from gateway.operator.trace.stories import sentences
-from gateway.operator.trace.trace import stories
+from gateway.operator.trace.why import stories
 from gateway.operator.units.reached import target
 from kit.gateway_bench import GatewayBench, gateway_bench, keep_lines_open
 from kit.statuses import status

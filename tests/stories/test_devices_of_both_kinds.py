@@ -12,7 +12,7 @@ from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import with_crc
 from gateway.operator.status.metrics import read
 from gateway.operator.trace.capture import packets
-from gateway.operator.trace.trace import lines
+from gateway.operator.trace.selection import lines
 from gateway.operator.units.answer_times import answer_times
 from gateway.plant.discovery import Discovery
 from gateway.plant.topics import Topics

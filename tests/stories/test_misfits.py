@@ -11,7 +11,7 @@ from gateway.modbus import mbap, rtu
 from gateway.modbus.mbap import encode
 from gateway.operator.operations.asked import ToExplain
 from gateway.operator.trace.stories import sentences
-from gateway.operator.trace.trace import stories
+from gateway.operator.trace.why import stories
 from kit.asking import ask
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench

@@ -11,7 +11,8 @@ from gateway.errors import WrongQuestion
 from gateway.modbus.rtu import encode
 from gateway.operator.operations.asked import ToExplain, Traced
 from gateway.operator.trace.stories import sentences, told
-from gateway.operator.trace.trace import page, stories
+from gateway.operator.trace.trace import page
+from gateway.operator.trace.why import stories
 from kit.device import Answer, SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 

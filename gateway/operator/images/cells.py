@@ -11,7 +11,7 @@ from gateway.operator.operations.answers.values import Cell, Cells
 from gateway.operator.operations.asked import Addresses
 from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.units.reached import Readable
+from gateway.operator.units.reached import readable_for
 from gateway.operator.units.units import picture
 from gateway.operator.values.reading_and_writing import points_at
 
@@ -27,7 +27,7 @@ async def tell_image(operator: Operator, asked: Addresses, asker: Asker) -> Cell
     span = Span(area, points[0].address, sum(point.count for point in points))
     if span.count > MOST:
         raise Malformed(f"{span.addresses}: at most {MOST} addresses at a time")
-    if not Readable(operator.router(asker.door), asker.host, unit.key).has(span):
+    if not readable_for(operator, unit, asker).has(span):
         why = f"[[access]] does not let {asker.caller.client} read {area} {span.addresses}"
         raise NotPermitted(why, ExceptionCode.ILLEGAL_FUNCTION)
     found = window(operator.gateway, unit.key, span, [span], asyncio.get_running_loop().time())

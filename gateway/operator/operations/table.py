@@ -138,7 +138,7 @@ LINES: Final[Operation[Nothing, "Lines"]] = Operation(
     "gateway.operator.operations.answers.status:Lines",
     "reading",
     "Lines, lines where the gateway is the server, other servers",
-    by="gateway.operator.status.lines:tell_lines",
+    by="gateway.operator.status.status:tell_lines",
     path="/lines",
 )
 LINE: Final[Operation[OneLine, "AnyLine"]] = Operation(
@@ -147,7 +147,7 @@ LINE: Final[Operation[OneLine, "AnyLine"]] = Operation(
     "gateway.operator.operations.answers.status:AnyLine",
     "reading",
     "A line, a line where the gateway is the server, or another server",
-    by="gateway.operator.status.lines:tell_line",
+    by="gateway.operator.status.status:tell_line",
     key="line",
     path="/lines/{name}",
     refuses=(WrongQuestion,),
@@ -345,7 +345,7 @@ WHY: Final[Operation[ToExplain, "Stories"]] = Operation(
     "gateway.operator.operations.answers.trace:Stories",
     "reading",
     "Why requests failed",
-    by="gateway.operator.trace.trace:tell_stories",
+    by="gateway.operator.trace.why:tell_stories",
 )
 EVENTS: Final[Operation[ToList, "Happened"]] = Operation(
     "events",

@@ -13,7 +13,7 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.families import Family, Spread
-from gateway.operator.status.status import oldest
+from gateway.operator.status.unit_status import oldest
 from gateway.operator.status.virtual_sources import source_states
 from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine

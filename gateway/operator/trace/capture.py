@@ -1,7 +1,8 @@
 """Facts of the ring as frames on a line, and as packets of a capture file."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from functools import partial
+from typing import Any, Final
 
 from gateway.modbus import mbap, rtu
 from gateway.modbus.ascii import END, START
@@ -10,6 +11,9 @@ from gateway.modbus.scan_ascii import AsciiScanner
 from gateway.modbus.scan_rtu import RtuScanner
 from gateway.operator.operations.answers.trace import TracedLine
 from gateway.trace.pcapng import Dissector, Packet
+
+#: What is heard of others that is a request.
+_REQUESTS: Final = ("another's request", "an echo")
 
 Fact = Mapping[str, Any]
 
@@ -22,20 +26,7 @@ def packets(fact: Fact, modes: Mapping[str, str]) -> Iterator[Packet]:
     if fact["kind"] == "exchange":
         yield from _exchange(fact, mode)
     elif fact["kind"] == "heard":
-        data, owner = bytes.fromhex(fact["frame"]), fact["owner"]
-        is_noise = owner == "noise"
-        frame = data if is_noise else wire_frame(data[0], data[1:], mode)
-        is_request, dissector = owner in ("another's request", "an echo"), _dissector(mode)
-        yield Packet(
-            fact["time"],
-            fact["line"],
-            frame,
-            owner,
-            is_request,
-            is_sent=False,
-            is_damaged=is_noise,
-            dissector=dissector,
-        )
+        yield _heard(fact, mode)
     elif fact["kind"] == "answered":
         yield from _answered(fact)
 
@@ -84,9 +75,16 @@ def heard_frame(heard: bytes, mode: str) -> tuple[bytes, bool]:
     return heard, len(heard) < 4 or with_crc(heard[:-2]) != heard
 
 
+def _heard(fact: Fact, mode: str) -> Packet:
+    data, owner = bytes.fromhex(fact["frame"]), fact["owner"]
+    is_noise = owner == "noise"
+    frame, is_request = data if is_noise else wire_frame(data[0], data[1:], mode), owner in _REQUESTS
+    return Packet(fact["time"], fact["line"], frame, owner, is_request, False, is_noise, _dissector(mode))
+
+
 def _exchange(fact: Fact, mode: str) -> Iterator[Packet]:
-    line, address = fact["line"], fact["address"]
-    dissector = _dissector(mode)
+    line, address, dissector = fact["line"], fact["address"], _dissector(mode)
+    received = partial(Packet, fact["time"], line, is_request=False, is_sent=False, dissector=dissector)
     limit, client = f"limit {fact['limit_ms']:.1f} ms", fact["client"]
     asked = wire_frame(address, bytes.fromhex(fact["request"]), mode)
     waited = f"for {client} as unit {fact['unit']}, waited {fact['wait_ms']:.1f} ms, {limit}"
@@ -95,17 +93,14 @@ def _exchange(fact: Fact, mode: str) -> Iterator[Packet]:
     if fact["response"] is not None:
         unit = fact.get("answered_by")
         answer = wire_frame(address if unit is None else unit, bytes.fromhex(fact["response"]), mode)
-        yield Packet(fact["time"], line, answer, elapsed, is_request=False, is_sent=False, dissector=dissector)
+        yield received(answer, elapsed)
     elif fact.get("heard"):
         heard = bytes.fromhex(fact["heard"])
         if mode != "tcp" and count_frames(heard, mode):
             return  # each of them has a `heard` fact of its own
         frame, is_bad = heard_frame(heard, mode)
         what = "wrong check sum" if is_bad else "no response to the request"
-        comment = f"{what}; {elapsed}"
-        yield Packet(
-            fact["time"], line, frame, comment, is_request=False, is_sent=False, is_damaged=is_bad, dissector=dissector
-        )
+        yield received(frame, f"{what}; {elapsed}", is_damaged=is_bad)
 
 
 def _answered(fact: Fact) -> Iterator[Packet]:

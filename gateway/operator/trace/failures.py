@@ -8,7 +8,7 @@ from typing import Final
 
 from gateway.operator.trace.reader import what_is_seen
 from gateway.operator.trace.stories import Story, sentences
-from gateway.operator.trace.trace import causes
+from gateway.operator.trace.why import causes
 from gateway.runtime.running import Running
 from gateway.trace.pdus import request_in_words
 

@@ -16,9 +16,11 @@ from gateway.operator.operations.answers.trace import Fact, TracePage
 from gateway.operator.operations.asked import Traced
 from gateway.operator.operator import Operator
 from gateway.operator.trace.capture import description, packets
+from gateway.operator.trace.facts import Clock, clocks, fact
 from gateway.operator.trace.meanings import Points, points_of
 from gateway.operator.trace.sampling import Sample
-from gateway.operator.trace.trace import Clock, clocks, fact, lines, page, wanted
+from gateway.operator.trace.selection import lines, wanted
+from gateway.operator.trace.trace import page
 from gateway.operator.trace.unit_names import UnitNames
 from gateway.routing.access import READING, Right
 from gateway.runtime.running import Running

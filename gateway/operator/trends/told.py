@@ -17,7 +17,7 @@ from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.trends.kept import KeptTrends, kept_trends
 from gateway.operator.trends.trends import key_of
-from gateway.operator.units.reached import Readable, device_of
+from gateway.operator.units.reached import device_of, readable_for
 from gateway.operator.units.units import picture
 from gateway.operator.values.unit_values import point_named
 from gateway.profiles.point import Point
@@ -32,7 +32,7 @@ async def tell_trend(operator: Operator, asked: TrendOfPoint, asker: Asker) -> P
     """
     unit = picture(operator, asked.device)
     point, trends = point_named(unit, asked.point), trends_of(operator)
-    if not Readable(operator.router(asker.door), asker.host, unit.key).has(point.read_span):
+    if not readable_for(operator, unit, asker).has(point.read_span):
         why = f"[[access]] does not let you read {point.name} of {unit.name}"
         raise NotPermitted(why, ExceptionCode.ILLEGAL_FUNCTION)
     now, step = operator.clock(), _step(asked.step, trends.layout.step)

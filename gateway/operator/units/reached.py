@@ -10,6 +10,9 @@ from gateway.images.mirror import Mirror
 from gateway.images.virtual.unit import VirtualUnit
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
+from gateway.operator.operations.answers.unit import UnitHead
+from gateway.operator.operations.operation import Asker
+from gateway.operator.operator import Operator
 from gateway.profiles.holes import Holes
 from gateway.registers.items import read_request
 from gateway.routing.router import Router
@@ -40,6 +43,11 @@ class Readable:
         last = min(span.end, MOST_ITEMS)
         found = (at for at in range(span.start, last) if self.has(Span(span.area, at, 1)))
         return [Span(span.area, first, end - first + 1) for first, end in join_ranges((at, at) for at in found)]
+
+
+def readable_for(operator: Operator, unit: UnitHead, asker: Asker) -> Readable:
+    """Return what an asker may read of a unit through the door that it uses."""
+    return Readable(operator.router(asker.door), asker.host, unit.key)
 
 
 class ReadableHoles(Holes):

@@ -21,7 +21,7 @@ from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.asked import KnownOf
 from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator, until_reload
-from gateway.operator.units.reached import Readable, device_of
+from gateway.operator.units.reached import device_of, readable_for
 from gateway.operator.units.units import picture, points_within, units_of
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.profiles.reading import Reading
@@ -95,7 +95,7 @@ def known_points(operator: Operator, unit: UnitPicture, asker: Asker) -> Iterato
     if device is None or device.name != unit.name:  # a reload came between
         return
     reads, intervals = _newest(operator, unit, device), _intervals(operator).get(unit.name, {})
-    readable = Readable(operator.router(asker.door), asker.host, unit.key)
+    readable = readable_for(operator, unit, asker)
     for point in unit.points:
         if point.write != "only" and readable.has(point.read_span):
             every = intervals.get(point.name)

@@ -11,7 +11,7 @@ from gateway.modbus.pdu import Span
 from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Door, Operator
-from gateway.operator.units.reached import Readable, ReadableHoles, holes_of, target
+from gateway.operator.units.reached import ReadableHoles, holes_of, readable_for, target
 from gateway.operator.values.requests import ask_for
 from gateway.operator.values.steps import Outcome
 from gateway.operator.values.unit_values import read
@@ -52,7 +52,7 @@ async def read_all(operator: Operator, unit: UnitPicture, asker: Asker, max_age:
     async with last.turn:
         now = clock()
         if last.outcome is None or last.at < asked_at - max_age:
-            may_read = Readable(operator.router(asker.door), asker.host, unit.key)
+            may_read = readable_for(operator, unit, asker)
             points, holes = readable(unit), ReadableHoles(holes_of(operator.gateway, unit.key), may_read)
             allowed = [point for point in points if may_read.has(point.read_span)]
             refused = [point for point in points if not may_read.has(point.read_span)]
@@ -97,6 +97,6 @@ def _has_changed(operator: Operator, last: _Last, unit: UnitPicture) -> bool:
 
 
 def _key(operator: Operator, unit: UnitPicture, asker: Asker) -> _Key:
-    may_read = Readable(operator.router(asker.door), asker.host, unit.key)
+    may_read = readable_for(operator, unit, asker)
     spans = {point.read_span for point in unit.points if point.area not in may_read.areas}
     return unit.key, asker.door, may_read.areas.union(span for span in spans if may_read.has(span))

@@ -17,7 +17,7 @@ from gateway.operator.images.map_lines import MapLine, map_lines
 from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operator import Operator
 from gateway.operator.status.status import part_of_unit
-from gateway.operator.units.reached import Readable, image_of
+from gateway.operator.units.reached import image_of, readable_for
 from gateway.operator.units.units import points_within, units_of
 from gateway.operator.values.unit_values import values_at
 from gateway.profiles.point import NO_VALUE, Point
@@ -64,7 +64,7 @@ class ImagePage:
         asked = _asked(request.query, whole_image.areas)
         area, ranges = asked["area"], whole_image.areas.get(asked["area"], ())
         start = asked["from"]
-        readable, there = Readable(self._operator.router(asker.door), asker.host, unit.key), Span(area, start, MOST)
+        readable, there = readable_for(self._operator, unit, asker), Span(area, start, MOST)
         parts = readable.parts(there)
         shown = self._window(unit, there, parts) if parts else None
         grid = grid_of(shown, area, asked["type"], asked["swap"]) if shown is not None else None

@@ -11,7 +11,7 @@ from gateway.operator.operations.answers.known_values import ValueState
 from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
-from gateway.operator.units.reached import Readable
+from gateway.operator.units.reached import readable_for
 from gateway.operator.values.complaint import Complaint
 from gateway.operator.values.known_values import Known, known_points, state_of
 from gateway.operator.values.last_values import last_read, readable
@@ -86,7 +86,7 @@ def _heard(operator: Operator, unit: UnitPicture, asker: Asker, last: tuple[Outc
 
 def _held(operator: Operator, unit: UnitPicture, asker: Asker) -> list[ShownPoint]:
     """List the points of an image or a mirror with the values that it has, as far as the asker may read them."""
-    readable, now = Readable(operator.router("web"), asker.host, unit.key), asyncio.get_running_loop().time()
+    readable, now = readable_for(operator, unit, asker), asyncio.get_running_loop().time()
     spans = [point.read_span for point in unit.points]
     there = kept(operator.gateway, unit.key, spans, now)
     return [

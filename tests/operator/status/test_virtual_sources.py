@@ -15,7 +15,8 @@ from gateway.operator.operations.asked import ToExplain, Traced
 from gateway.operator.operator import Operator
 from gateway.operator.status.metrics import read
 from gateway.operator.trace.stories import sentences, told
-from gateway.operator.trace.trace import page, stories
+from gateway.operator.trace.trace import page
+from gateway.operator.trace.why import stories
 from gateway.operator.units.units import units_of
 from gateway.operator.values.steps import Step
 from kit.asking import NO_FILE, ask

@@ -13,8 +13,10 @@ from gateway.operator.operations.asked import ToExplain, Traced
 from gateway.operator.operations.parameters import read_parameters
 from gateway.operator.trace.capture import heard_frame, packets
 from gateway.operator.trace.reader import what_is_seen
+from gateway.operator.trace.selection import lines
 from gateway.operator.trace.stories import sentences
-from gateway.operator.trace.trace import TAIL, causes, lines, page, stories
+from gateway.operator.trace.trace import TAIL, page
+from gateway.operator.trace.why import causes, stories
 from gateway.operator.units.calibration import measured
 from gateway.operator.values.frames import frames_of
 from kit.device import Answer, SimulatedDevice, SimulatedLine
