@@ -1,5 +1,5 @@
 // How the search of the site orders what it finds: pages that say what to do come before those that say why.
-// The figures are those of Sphinx; `score` and `PLACES` are ours.
+// The figures are those of Sphinx; `score`, `PLACES` and `performTermsSearch` are ours.
 "use strict";
 
 /** What is added for a page below a folder, or with this name. */
@@ -22,4 +22,22 @@ var Scorer = {
   partialTitle: 7,
   term: 5,
   partialTerm: 2,
+};
+
+/** Sphinx wants all words on a page, and ranks it by the best of them. Here each word counts, and a rare one more. */
+const ofOneWord = Search.performTermsSearch;
+Search.performTermsSearch = (words, excluded) => {
+  const found = new Map();
+  let sum = 0;
+  for (const word of words) {
+    const hits = ofOneWord(new Set([word]), excluded);
+    const weight = Math.log(1 + Search._index.docnames.length / (1 + hits.length));
+    sum += weight;
+    for (const [page, title, anchor, descr, score, ...rest] of hits) {
+      const before = found.get(page)?.[4] ?? 0;
+      found.set(page, [page, title, anchor, descr, before + score * weight, ...rest]);
+    }
+  }
+  for (const hit of found.values()) hit[4] /= sum;
+  return [...found.values()];
 };
