@@ -1,4 +1,4 @@
-// Asks the search of the site as users do, and fails if the right page is not the first hit: node tests/docs/first_hits.js dist/site
+// Asks the search of the site as users do, and fails if the right page is not found soon: node tests/docs/first_hits.js dist/site
 "use strict";
 const { readFileSync } = require("node:fs");
 const { join } = require("node:path");
@@ -36,6 +36,44 @@ const SOUGHT = {
   波特率: "zh/bridge",
 };
 
+/** Questions that docs/search.toml does not help, and a page that is among the first three hits. */
+const UNAIDED = {
+  "why exception 0B": "symptoms",
+  "timeout too short": "lines-and-devices",
+  "response too late": "lines-and-devices",
+  "read float wrong": "addressing",
+  "swap bytes": "addressing",
+  "permission denied ttyUSB0": "service",
+  "modbus tcp port 502 refused": "clients-and-rights",
+  "which unit id": "clients-and-rights",
+  "how fast can I poll": "tools",
+  "write single register blocked": "clients-and-rights",
+  "allow one client to write": "clients-and-rights",
+  "read only user": "web",
+  "who changed a register": "clients-and-rights",
+  "set max value of a setpoint": "functions",
+  "log to file": "service",
+  "docker serial device": "service",
+  "reload config without restart": "service",
+  "gateway does not start": "symptoms",
+  "usb adapter unplugged": "lines-and-devices",
+  "change baud rate": "lines-and-devices",
+  "listen on existing bus": "lines-and-devices",
+  "connect hmi by serial cable": "clients-and-rights",
+  "moxa nport settings": "coming-from",
+  "device stops answering at night": "troubleshooting",
+  "poll several clients slow": "clients-and-rights",
+  "scan for devices": "tools",
+  "simulate a meter": "tools",
+  "wireshark capture": "tools",
+  "values are stale": "images",
+  "send values to influxdb": "plant",
+  "metrics grafana": "metrics",
+  "open page from another computer": "web",
+  "two gateways redundant": "fleet",
+  "sd card wear": "sizing",
+};
+
 /** The search that Sphinx has put into the site, with an index and without a page. */
 function searchOf(site) {
   const page = {
@@ -58,12 +96,17 @@ function searchOf(site) {
 
 const search = searchOf(process.argv[2] ?? "dist/site");
 let missed = 0;
-for (const [query, wanted] of Object.entries(SOUGHT)) {
-  const hits = search(query);
-  const rank = hits.findIndex((hit) => hit === wanted || hit.split("#")[0] === wanted) + 1;
-  if (rank !== 1) missed++;
-  if (rank !== 1 || process.argv.includes("-v"))
-    console.log(`${query}: ${rank ? `rank ${rank}` : "not found"}: ${wanted}; first is ${hits[0] ?? "nothing"}`);
+for (const [questions, within] of [[SOUGHT, 1], [UNAIDED, 3]]) {
+  const ranks = [];
+  for (const [query, wanted] of Object.entries(questions)) {
+    const hits = search(query);
+    const rank = hits.findIndex((hit) => hit === wanted || hit.split("#")[0] === wanted) + 1;
+    ranks.push(rank);
+    const isMissed = !rank || rank > within;
+    missed += isMissed;
+    if (isMissed || process.argv.includes("-v"))
+      console.log(`${query}: ${rank ? `rank ${rank}` : "not found"}: ${wanted}; first is ${hits[0] ?? "nothing"}`);
+  }
+  console.log(`${ranks.filter((rank) => rank === 1).length} of ${ranks.length} find their page first`);
 }
-console.log(`${Object.keys(SOUGHT).length - missed} of ${Object.keys(SOUGHT).length} find their page first`);
 process.exitCode = missed ? 1 : 0;
