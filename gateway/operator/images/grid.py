@@ -9,6 +9,7 @@ from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.images.kept import ImageWindow, PolledAge, Written
 from gateway.operator.operations.answers import values as answers
+from gateway.operator.status.unit_status import oldest
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
 from gateway.registers.datatypes import registers_of
@@ -91,10 +92,9 @@ class Grid:
         if not ages:
             return Cell(reading, written=writer)
         source = ", ".join(dict.fromkeys(each.source for each in ages))
-        known = [each.age_ms for each in ages if each.age_ms is not None]
-        if len(known) < len(ages):
+        age, stale = oldest(each.age_ms for each in ages), self.window.stale_ms
+        if age is None:
             return Cell(reading, "unknown", source, written=writer)
-        age, stale = max(known), self.window.stale_ms
         is_stale = stale is not None and age > stale
         is_valid = all(each.is_valid for each in ages)
         return Cell(reading, "stale" if is_stale else "fresh" if is_valid else "invalid", source, age, writer)

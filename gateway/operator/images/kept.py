@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 
 from gateway.clock.times import milliseconds, optional_ms
 from gateway.images.image import Image
@@ -12,6 +13,7 @@ from gateway.images.virtual.unit import VirtualUnit
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.images.map_lines import place_there
+from gateway.operator.status.unit_status import oldest
 from gateway.operator.units.reached import Held, device_of, image_of
 from gateway.profiles.profile import Range, covers
 from gateway.registers.items import has_bits, unpack_bits
@@ -58,8 +60,6 @@ class ImageWindow:
     last ones, newest first.
     """
 
-    unit: int
-    name: str
     of: str
     persist: str
     stale_ms: float | None
@@ -72,16 +72,11 @@ class ImageWindow:
 def kept(gateway: Gateway, unit: int, spans: Sequence[Span], now: float) -> list[Kept | None]:
     """Find what an image or a mirror has of each span; None for what it does not have."""
     image = image_of(gateway, unit)
-    if isinstance(image, Mirror):
-        ages = _ages(image, now)
-        return [_kept(image, ages, span, now) for span in spans]
-    if not isinstance(image, Image):
+    if image is None or isinstance(image, VirtualUnit):
         return [None] * len(spans)
     _look_again(image, now)
-    has = [image.tables[span.area].has(span) for span in spans]
-    return [
-        Kept(_items(image, span, now), 0.0, is_stale=False) if it else None for span, it in zip(spans, has, strict=True)
-    ]
+    ages, stale = (_ages(image, now), image.settings.stale) if isinstance(image, Mirror) else ([], inf)
+    return [_kept(image, ages, stale * 1000, span, now) for span in spans]
 
 
 def sampled(image: Held, span: Span, now: float) -> Iterator[tuple[Span, float]]:
@@ -115,18 +110,14 @@ def window(gateway: Gateway, unit: int, span: Span, shown: Sequence[Span], now: 
     if image is None:
         return None
     _look_again(image, now)
-    settings = image.settings
+    areas = image.settings.areas
     return ImageWindow(
-        unit=unit,
-        name=settings.name,
         of=image.settings.of if isinstance(image, Mirror) else "",
         persist=image.settings.persist if isinstance(image, Image) else "",
         stale_ms=None if isinstance(image, Image) else milliseconds(image.settings.stale),
-        areas=settings.areas,
+        areas=areas,
         parts=[
-            (each, _items(image, each, now))
-            for part in shown
-            for each in _existing(settings.areas.get(span.area, ()), part)
+            (each, _items(image, each, now)) for part in shown for each in _existing(areas.get(span.area, ()), part)
         ],
         ages=_ages_at(image, span, now),
         writes=[
@@ -179,15 +170,12 @@ def _ages(mirror: Mirror, now: float) -> list[PolledAge]:
     return [PolledAge(poll.span, milliseconds(poll.every), optional_ms(age)) for poll, age in mirror.ages(now)]
 
 
-def _kept(mirror: Mirror, ages: Sequence[PolledAge], span: Span, now: float) -> Kept | None:
-    """Return what a mirror has of a span; its age is that of the oldest part."""
-    if not covers(mirror.settings.areas.get(span.area, ()), span):
+def _kept(image: Image | Mirror, ages: Sequence[PolledAge], stale_ms: float, span: Span, now: float) -> Kept | None:
+    """Return what there is of a span; its age is that of the oldest part."""
+    if not covers(image.settings.areas.get(span.area, ()), span):
         return None
-    touched = [each.age_ms for each in ages if each.span.touches(span)]
-    known = [age for age in touched if age is not None]
-    age = max(known, default=0.0) if len(known) == len(touched) else None
-    is_stale = age is not None and age > mirror.settings.stale * 1000
-    return Kept(_items(mirror, span, now), age, is_stale)
+    age = oldest(each.age_ms for each in ages if each.span.touches(span))
+    return Kept(_items(image, span, now), age, is_stale=age is not None and age > stale_ms)
 
 
 def _existing(ranges: Iterable[Range], span: Span) -> Iterator[Span]:

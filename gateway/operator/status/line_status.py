@@ -1,7 +1,8 @@
 """The part of the status about lines, server lines, upstreams and monitor lines."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, replace
+from dataclasses import astuple, fields, replace
+from operator import attrgetter
 from typing import Final, Literal
 
 from gateway.lines.counts import total_of_units
@@ -26,6 +27,7 @@ from gateway.timing.measured import Phases
 
 #: How many users of a line are shown.
 MOST_USERS: Final = 20
+_HEARD: Final = attrgetter(*(each.name for each in fields(HeardCounts)))
 
 
 def line_status(parts: GatewayLine, recent: Recent, now: float) -> LineStatus:
@@ -109,7 +111,7 @@ def upstream_status(parts: GatewayUpstream, recent: Recent, now: float) -> Upstr
 
 def monitor_status(parts: GatewayMonitor, recent: Recent, now: float) -> MonitorStatus:
     """Make the status of a line that only listens."""
-    settings, timing, counts = parts.plan.line, parts.plan.line.timing, parts.driver.monitor.counts
+    settings, timing = parts.plan.line, parts.plan.line.timing
     rate = recent.rate(parts, now)
     return MonitorStatus(
         name=parts.name,
@@ -124,15 +126,7 @@ def monitor_status(parts: GatewayMonitor, recent: Recent, now: float) -> Monitor
         heard_ms=ago_ms(parts.heard_at, now),
         busy_share=rate and round(rate.busy, 3),
         requests_per_s=rate and round(rate.per_second, 1),
-        counts=HeardCounts(
-            counts.requests,
-            counts.answers,
-            counts.sure,
-            counts.unanswered,
-            counts.strays,
-            counts.both_ways,
-            counts.noise,
-        ),
+        counts=HeardCounts(*_HEARD(parts.driver.monitor.counts)),
         unknown_units=tuple(UnknownUnitStatus(*each) for each in parts.unknown_units()),
         users=tuple(_users(parts, recent.users(parts, now))),
     )

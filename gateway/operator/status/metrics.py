@@ -5,6 +5,7 @@ Labels are names in the config, units, function codes and words of this program,
 
 import asyncio
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields
 from itertools import accumulate
 from operator import add, attrgetter
 from typing import Final
@@ -13,6 +14,7 @@ from gateway.clock.slices import in_slices
 from gateway.devices.device import Device
 from gateway.lines.counts import OTHER_FUNCTIONS, RESULTS, UnitCounts
 from gateway.observe.families import Family, Spread
+from gateway.operator.operations.answers.status import HeardCounts
 from gateway.operator.status.unit_status import oldest
 from gateway.operator.status.virtual_sources import source_states
 from gateway.runtime.gateway import Gateway, Owner
@@ -32,9 +34,6 @@ _ALWAYS: Final = frozenset({"ok", "exception", "timeout", "bad_frame"})
 #: What was received on a line besides responses.
 _ERRORS: Final = ("late_responses", "early_responses", "foreign_frames", "noise", "echoes")
 _ERRORS_OF: Final = attrgetter(*_ERRORS)
-
-#: What is counted on a line that only listens.
-_HEARD: Final = ("requests", "answers", "sure", "unanswered", "strays", "both_ways", "noise")
 
 _UNIT: Final = ("line", "unit", "function")
 
@@ -228,8 +227,8 @@ def _heard(monitors: Iterable[GatewayMonitor]) -> Iterable[Family]:
     """Count what is heard on lines where the gateway only listens, if there are any."""
     heard = Family("counter", "heard", "What was heard on a line that only listens, by kind.", ("line", "kind"))
     for monitor in monitors:
-        for kind in _HEARD:
-            heard.add(getattr(monitor.driver.monitor.counts, kind), monitor.name, kind)
+        for kind in fields(HeardCounts):
+            heard.add(getattr(monitor.driver.monitor.counts, kind.name), monitor.name, kind.name)
     return (heard,) if heard.values else ()
 
 

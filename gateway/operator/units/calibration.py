@@ -10,6 +10,7 @@ from gateway.operator.operations.answers.times import Measured, MeasuredRow
 from gateway.operator.operations.asked import OneUnit
 from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
+from gateway.operator.units.reached import owner_of
 from gateway.operator.units.units import find_unit
 from gateway.runtime.gateway import Gateway, Owner
 from gateway.runtime.gateway_line import GatewayLine
@@ -31,11 +32,10 @@ def measured(gateway: Gateway, wanted: object) -> Measured:
         WrongQuestion: there is none, or the gateway answers it itself.
     """
     unit = find_unit(gateway.plan, wanted)
-    found = [owner for owner in gateway.owners if unit in owner.devices]
-    if found:
-        owner = min(found, key=lambda each: isinstance(each, GatewayLine) and unit in each.plan.own_units)
-        return _measured(owner, owner.devices[unit])
-    raise WrongQuestion(f"the gateway answers unit {unit} itself: only devices have a timing table")
+    owner = owner_of(gateway.owners, unit)
+    if owner is None:
+        raise WrongQuestion(f"the gateway answers unit {unit} itself: only devices have a timing table")
+    return _measured(owner, owner.devices[unit])
 
 
 def _measured(owner: Owner, device: Device) -> Measured:

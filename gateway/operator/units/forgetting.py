@@ -1,15 +1,14 @@
 """The operation `forget`: a device that changed its address or rate is asked as the config says again."""
 
-from gateway.devices.device import Device
 from gateway.errors import WrongQuestion
 from gateway.events import AddressMoved, BaudChanged, Emit
 from gateway.operator.operations.answers.forget import Forgotten
 from gateway.operator.operations.asked import OneDevice
 from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
+from gateway.operator.units.reached import owner_of
 from gateway.operator.units.units import find_unit
 from gateway.runtime.gateway import Gateway
-from gateway.runtime.gateway_line import GatewayLine
 
 _ADVICE = "what was remembered is forgotten, so the config counts again"
 
@@ -25,7 +24,11 @@ def forget(gateway: Gateway, wanted: object, emit: Emit) -> Forgotten:
     Raises:
         WrongQuestion: there is no such device on a line, or its line refuses (see GatewayLine.forget).
     """
-    line, device = _find(gateway, wanted)
+    number = find_unit(gateway.plan, wanted)
+    line = owner_of(gateway.lines, number)
+    if line is None:
+        raise WrongQuestion(f"nothing is remembered of {wanted}: it is no device on a line")
+    device = line.devices[number]
     was_at, was_baud = device.possible_units, line.driver.line.settings.timing.baud
     line.forget(device)
     unit, baud = device.settings.unit, line.plan.line.timing.baud
@@ -34,12 +37,3 @@ def forget(gateway: Gateway, wanted: object, emit: Emit) -> Forgotten:
     if was_baud != baud:
         emit(BaudChanged(line.name, device.name, baud, _ADVICE))
     return Forgotten(line.name, device.name, unit, was_at, baud, was_baud)
-
-
-def _find(gateway: Gateway, wanted: object) -> tuple[GatewayLine, Device]:
-    unit = find_unit(gateway.plan, wanted)
-    found = [line for line in gateway.lines if unit in line.devices]
-    if not found:
-        raise WrongQuestion(f"nothing is remembered of {wanted}: it is no device on a line")
-    line = min(found, key=lambda each: unit in each.plan.own_units)  # the one for all clients, if any
-    return line, line.devices[unit]

@@ -1,6 +1,7 @@
 """What answers for a unit, and what clients may read of it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import TypeVar
 
 from gateway.config.values.ranges import MOST_ITEMS, join_ranges
 from gateway.devices.device import Device
@@ -16,9 +17,10 @@ from gateway.operator.operator import Operator
 from gateway.profiles.holes import Holes
 from gateway.registers.items import read_request
 from gateway.routing.router import Router
-from gateway.runtime.gateway import Gateway
-from gateway.runtime.gateway_monitor import GatewayMonitor
-from gateway.runtime.gateway_upstream import GatewayUpstream
+from gateway.runtime.gateway import Gateway, Owner
+from gateway.runtime.gateway_line import GatewayLine
+
+L = TypeVar("L", bound=Owner)
 
 #: What the gateway itself answers for.
 Held = Image | Mirror | VirtualUnit
@@ -73,11 +75,21 @@ def target(gateway: Gateway, unit: int) -> object:
 
 def device_of(gateway: Gateway, unit: int) -> Device | None:
     """Find the device that every client knows by this number, not one reached only by a listener for its line."""
-    for line in gateway.lines:
-        if unit in line.devices and unit not in line.plan.own_units:
-            return line.devices[unit]
-    others: tuple[GatewayUpstream | GatewayMonitor, ...] = (*gateway.upstreams, *gateway.monitors)
-    return next((each.devices[unit] for each in others if unit in each.devices), None)
+    owner = owner_of(gateway.owners, unit)
+    return None if owner is None or _is_own(owner, unit) else owner.devices[unit]
+
+
+def owner_of(owners: Iterable[L], unit: int) -> L | None:
+    """Find the line or upstream with the device that every client knows by this number.
+
+    Else the first line where it is an address; None if there is none.
+    """
+    return min((each for each in owners if unit in each.devices), key=lambda each: _is_own(each, unit), default=None)
+
+
+def _is_own(owner: Owner, unit: int) -> bool:
+    """Tell whether only a listener for a line leads to its device with this number."""
+    return isinstance(owner, GatewayLine) and unit in owner.plan.own_units
 
 
 def holes_of(gateway: Gateway, unit: int) -> Holes:

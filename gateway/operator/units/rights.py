@@ -1,16 +1,15 @@
 """Access rights for display: the rows in words, and what they mean for one request of one client."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from ipaddress import ip_address
 from typing import NamedTuple
 
-from gateway.config.plan.rights_in_words import RightsRow, right_in_words, row_in_words, rows_in_words
+from gateway.config.plan.rights_in_words import RightsRow, right_in_words, row_in_words
 from gateway.errors import WrongQuestion
 from gateway.modbus.functions import READING_IDENTIFICATION, TABLE_FUNCTIONS
 from gateway.routing.access import includes
 from gateway.routing.router import Router
-from gateway.runtime.gateway import Gateway
 from gateway.runtime.running import Running
 
 
@@ -37,11 +36,6 @@ class Verdict:
     depends: bool
     may: str
     rows: tuple[RightsRow, ...]
-
-
-def rights_in_words(gateway: Gateway) -> Sequence[RightsRow]:
-    """Return the table of rights in words; the first row that applies counts."""
-    return rows_in_words(gateway.plan)
 
 
 def verdict(running: Running, client: Client, unit: int, function: int, address: int | None) -> Verdict:

@@ -34,10 +34,7 @@ async def read_values(operator: Operator, asked: Addresses, asker: Asker) -> Val
         WrongQuestion: there is no such unit, the addresses are invalid, or the unit did not answer with all values.
     """
     unit = _any_unit(operator, asked.unit)
-    points = points_at(asked, unit)
-    ask = ask_for(operator, unit.key, asker)
-    outcome = await read(unit, points, ask, holes_of(operator.gateway, unit.key))
-    return await _told(unit, asked.area, outcome)
+    return await _read(operator, unit, points_at(asked, unit), asker, asked.area)
 
 
 async def read_points(operator: Operator, asked: PointsToRead, asker: Asker) -> Points:
@@ -61,9 +58,7 @@ async def read_point(operator: Operator, asked: PointToRead, asker: Asker) -> Va
     point = point_named(unit, asked.name)
     if point.write == "only":
         raise DoesNotFit(f"{point.name} can be written, but not read")
-    ask = ask_for(operator, unit.key, asker)
-    outcome = await read(unit, [point], ask, holes_of(operator.gateway, unit.key))
-    return await _told(unit, None, outcome)
+    return await _read(operator, unit, [point], asker)
 
 
 async def write_values(operator: Operator, asked: ValuesToWrite, asker: Asker) -> Values:
@@ -120,6 +115,13 @@ def _any_unit(operator: Operator, wanted: int | str) -> UnitPicture:
         if not isinstance(wanted, int):
             raise
         return UnitPicture(wanted, "", "", "", None, {}, {}, 0.0, ())
+
+
+async def _read(
+    operator: Operator, unit: UnitPicture, points: Sequence[Point], asker: Asker, area: Area | None = None
+) -> Values:
+    ask = ask_for(operator, unit.key, asker)
+    return await _told(unit, area, await read(unit, points, ask, holes_of(operator.gateway, unit.key)))
 
 
 async def _write(

@@ -6,12 +6,13 @@ from typing import Final
 
 from aiohttp import web
 
+from gateway.config.plan.rights_in_words import rows_in_words
 from gateway.errors import WrongQuestion
 from gateway.operator.operations.asked import Traced
 from gateway.operator.operator import Operator
 from gateway.operator.status.status import recent_status
 from gateway.operator.trace.reader import latest
-from gateway.operator.units.rights import Client, Verdict, rights_in_words, routers, verdict
+from gateway.operator.units.rights import Client, Verdict, routers, verdict
 from gateway.operator.units.units import units_of
 from gateway.plant.status import show_use
 from gateway.tls.status import EARLY
@@ -56,7 +57,7 @@ class ClientsPage:
             denied=await self._denied(request[VISITOR].host),
             certificates=sorted(status.certificates, key=lambda each: each.days_left),
             soon=EARLY,
-            rights=rights_in_words(self._operator.gateway),
+            rights=rows_in_words(self._operator.gateway.plan),
             entrances=tuple(routers(self._operator.running)),
             units=[(each.unit, each.name) for each in units_of(self._operator) if each.unit is not None],
             functions=FUNCTIONS,
