@@ -6,7 +6,7 @@
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from gateway.errors import RequestError
+from gateway.errors import ExceptionCode, RequestError
 from gateway.modbus.codes import EXCEPTION_BIT, FunctionCode
 from gateway.modbus.pdu import RequestPdu, Span, parse_sent
 from gateway.registers.items import REGISTER, WIDE_REGISTER, has_bits, reference, unpack_bits
@@ -33,17 +33,7 @@ FUNCTIONS: Final[Mapping[int, str]] = {
     24: "read fifo queue",
     43: "encapsulated interface",
 }
-EXCEPTIONS: Final[Mapping[int, str]] = {
-    0x01: "illegal function",
-    0x02: "illegal data address",
-    0x03: "illegal data value",
-    0x04: "server device failure",
-    0x05: "acknowledge",
-    0x06: "server device busy",
-    0x08: "memory parity error",
-    0x0A: "gateway path unavailable",
-    0x0B: "gateway target failed to respond",
-}
+EXCEPTIONS: Final[Mapping[int, str]] = {each.value: each.name.lower().replace("_", " ") for each in ExceptionCode}
 
 #: This many values are shown; the rest is counted.
 _MOST: Final = 16

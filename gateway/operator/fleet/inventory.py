@@ -3,8 +3,9 @@
 import asyncio
 import hashlib
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
+from typing import Literal
 
 from gateway.clock.threads import ThreadPerCall
 from gateway.clock.times import rfc_3339
@@ -26,6 +27,8 @@ from gateway.operator.units.units import shown_unit
 from gateway.ports.port import SerialSettings
 from gateway.readconfig.expiry import certificates
 from gateway.version import __version__
+
+_Serial = LinePlan | ServerPlan | MonitorPlan
 
 
 async def tell_inventory(operator: Operator, _asked: Nothing, _asker: Asker) -> Inventory:
@@ -68,7 +71,7 @@ def look_at_machine(plan: Plan, text: str) -> tuple[str, tuple[InventoryAdapter,
 
 
 def _adapters(plan: Plan) -> Iterator[InventoryAdapter]:
-    lines: tuple[LinePlan | ServerPlan | MonitorPlan, ...] = (*plan.lines, *plan.servers, *plan.monitors)
+    lines: tuple[_Serial, ...] = (*plan.lines, *plan.servers, *plan.monitors)
     for each in lines:
         if isinstance(each.port, SerialSettings):
             found = describe_adapter(each.port.port)
@@ -76,15 +79,12 @@ def _adapters(plan: Plan) -> Iterator[InventoryAdapter]:
 
 
 def _lines(plan: Plan) -> Iterator[InventoryLine]:
-    for line in plan.lines:
-        timing = line.line.timing
-        yield InventoryLine(line.name, "client", line.port.port, timing.mode, timing.baud, str(timing.format))
-    for server in plan.servers:
-        timing = server.line.timing
-        yield InventoryLine(server.line.name, "server", server.port.port, timing.mode, timing.baud, str(timing.format))
-    for monitor in plan.monitors:
-        timing = monitor.line.timing
-        yield InventoryLine(monitor.name, "monitor", monitor.port.port, timing.mode, timing.baud, str(timing.format))
+    roles: tuple[tuple[Literal["client", "server", "monitor"], Sequence[_Serial]], ...]
+    roles = ("client", plan.lines), ("server", plan.servers), ("monitor", plan.monitors)
+    for role, lines in roles:
+        for each in lines:
+            timing, port = each.line.timing, each.port.port
+            yield InventoryLine(each.line.name, role, port, timing.mode, timing.baud, str(timing.format))
     for upstream in plan.upstreams:
         yield InventoryLine(upstream.name, "upstream", upstream.port.port, "tcp", None, None)
 

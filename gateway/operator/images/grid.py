@@ -8,7 +8,7 @@ from typing import Final
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.images.kept import ImageWindow, PolledAge, Written
-from gateway.operator.operations.answers import values as answers
+from gateway.operator.operations.answers.values import Cell, CellState
 from gateway.operator.status.unit_status import oldest
 from gateway.profiles.point import Point
 from gateway.profiles.reading import Reading
@@ -19,42 +19,6 @@ from gateway.registers.items import has_bits
 MOST: Final = 400
 COLUMNS: Final = 10
 _TEXT_COLUMNS: Final = 2
-
-
-@dataclass(frozen=True, slots=True)
-class Cell:
-    """One value. One that is polled has a state; clients do not get what is not fresh. `source` is where it is from."""
-
-    reading: Reading
-    state: answers.CellState = "fresh"
-    source: str = ""
-    age_ms: float | None = None
-    written: Written | None = None
-
-    @property
-    def text(self) -> str:
-        """The value as text; empty while there is none."""
-        return self.reading.point.show(self.reading.value) if self.is_known else ""
-
-    @property
-    def is_known(self) -> bool:
-        """Whether there is a value."""
-        return self.state in ("fresh", "stale")
-
-    def told(self) -> answers.Cell:
-        """Convert it to the result type."""
-        told = self.reading.as_json(with_area=False)
-        if not self.is_known:
-            told |= {"value": None, "registers": []}
-        return answers.Cell(
-            **told,
-            text=self.text,
-            state=self.state,
-            source=self.source or None,
-            age_ms=self.age_ms,
-            writer=None if self.written is None else self.written.client,
-            written_ms=None if self.written is None else self.written.ago_ms,
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,15 +53,23 @@ class Grid:
             yield self._cell(reading, [age for each in here for age in ages.get(each, ())], writer)
 
     def _cell(self, reading: Reading, ages: Sequence[PolledAge], writer: Written | None) -> Cell:
-        if not ages:
-            return Cell(reading, written=writer)
-        source = ", ".join(dict.fromkeys(each.source for each in ages))
+        """Make a value; one that is polled has a state, and clients do not get what is not fresh."""
         age, stale = oldest(each.age_ms for each in ages), self.window.stale_ms
+        state: CellState = "fresh" if all(each.is_valid for each in ages) else "invalid"
         if age is None:
-            return Cell(reading, "unknown", source, written=writer)
-        is_stale = stale is not None and age > stale
-        is_valid = all(each.is_valid for each in ages)
-        return Cell(reading, "stale" if is_stale else "fresh" if is_valid else "invalid", source, age, writer)
+            state = "unknown"
+        elif stale is not None and age > stale:
+            state = "stale"
+        is_known, told = state in ("fresh", "stale"), reading.as_json(with_area=False)
+        return Cell(
+            **told if is_known else told | {"value": None, "registers": []},
+            text=reading.text if is_known else "",
+            state=state,
+            source=", ".join(dict.fromkeys(each.source for each in ages)) or None,
+            age_ms=age if ages else None,
+            writer=None if writer is None else writer.client,
+            written_ms=None if writer is None else writer.ago_ms,
+        )
 
 
 def grid_of(window: ImageWindow, area: Area, data_type: str, swap: str) -> Grid:

@@ -11,6 +11,7 @@ from gateway.operator.operations.answers.trace import Fact, Meanings, Meant
 from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.asked import ToUnderstand
 from gateway.operator.operations.operation import Asker
+from gateway.operator.operations.parameters import fields_of
 from gateway.operator.operator import Operator, until_reload
 from gateway.operator.units.units import picture, units_of
 from gateway.profiles.point import Point
@@ -55,7 +56,7 @@ class Points:
     def beside(self, fact: Fact, most: int = FEW) -> Fact:
         """Add to a fact what it means; nothing if it covers no point."""
         meant, more = self.meant(fact, most)
-        return fact | {"points": [each.told() for each in meant], "more_points": more} if meant else fact
+        return fact | {"points": [fields_of(each) for each in meant], "more_points": more} if meant else fact
 
     def _parts(self, name: str, request: bytes, response: bytes) -> Iterator[tuple[Sequence[_Place], bytes, int]]:
         """Yield what was written and what was read: places of points, and the items with the size of each."""

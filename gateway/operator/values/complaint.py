@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.errors import ExceptionCode, ExceptionReceived, WrongQuestion
+from gateway.errors import ExceptionReceived, WrongQuestion
+from gateway.trace.pdus import EXCEPTIONS
 
 #: Why the gateway itself has answered with an exception, by the result of the request.
 WHYS: Final[Mapping[str, str]] = {
@@ -50,8 +51,7 @@ class Complaint:
 
 def exception_name(code: int) -> str:
     """Return the name of an exception code in the specification."""
-    known = code in {each.value for each in ExceptionCode}
-    return ExceptionCode(code).name.lower().replace("_", " ") if known else "not a standard one"
+    return EXCEPTIONS.get(code, "not a standard one")
 
 
 def complaint_of(wrong: WrongQuestion) -> Complaint | str:

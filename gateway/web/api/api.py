@@ -16,7 +16,7 @@ from gateway.tools.support import make_bundle
 from gateway.version import __version__
 from gateway.web.access.guard import VISITOR, Guard, Need
 from gateway.web.api.asking import asker_of, parameters_in
-from gateway.web.api.operations import ROOT, OperationRoutes, Operations, json_of, json_response
+from gateway.web.api.operations import ROOT, Operations, json_of, json_response, operation_routes
 from gateway.web.api.session import session_of
 from gateway.web.api.trace import RecordsToCapture, RecordsToFollow
 from gateway.web.front.downloads import Downloads
@@ -57,7 +57,7 @@ class Api:
     def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
         """List the routes: method, path, handler, and what it needs."""
         return [
-            *OperationRoutes(self._operator, self._operations, may_write=self._may_write).routes(),
+            *operation_routes(self._operator, self._operations, may_write=self._may_write),
             ("GET", f"{ROOT}/openapi.json", self.openapi, "reading"),
             ("GET", f"{ROOT}/session", self.session, "reading"),
             ("GET", f"{ROOT}/events", self.events, "reading"),

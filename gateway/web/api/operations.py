@@ -36,26 +36,22 @@ NAMED: Final = re.compile(r"\{(\w+)\}")
 _LAST: Final = re.compile(r"-\{(\w+)\}$")
 
 
-class OperationRoutes:
-    """The routes of operations. Values are written only if `may_write`."""
-
-    def __init__(self, operator: Operator, operations: Operations, *, may_write: bool) -> None:
-        with_path = [each for each in operations if each.path is not None]
-        self._handlers = [_Handler(each, operator, may_write=may_write) for each in with_path]
-
-    def routes(self) -> Iterator[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        for each in self._handlers:
-            need: Need = "reading" if each.operation.right == "reading" else "operator"
-            for path in _paths(each.operation):
-                yield each.operation.method, path, each.handle, need
+def operation_routes(
+    operator: Operator, operations: Operations, *, may_write: bool
+) -> Iterator[tuple[str, str, Handler, Need]]:
+    """List the routes of operations: method, path, handler, and what it needs. Values are written if `may_write`."""
+    for each in operations:
+        if each.path is not None:
+            handle = _Handler(each, operator, may_write=may_write).handle
+            need: Need = "reading" if each.right == "reading" else "operator"
+            yield from ((each.method, path, handle, need) for path in _paths(each))
 
 
 class _Handler:
     """The handler of one operation."""
 
     def __init__(self, operation: Operation[Any, Any], operator: Operator, *, may_write: bool) -> None:
-        self.operation = operation
+        self._operation = operation
         self._operator = operator
         self._may_write = may_write
         self._in_path = frozenset(NAMED.findall(operation.path or ""))
@@ -70,17 +66,17 @@ class _Handler:
         Raises:
             WrongQuestion, ProblemError: it cannot be carried out.
         """
-        if self.operation.right == "writing" and not self._may_write:
+        if self._operation.right == "writing" and not self._may_write:
             raise NotPermitted("nothing is written over HTTP without write = true in [web]")
-        asked = await parameters_in(request, self.operation.parameters, self._in_path)
-        await self.operation.load()
+        asked = await parameters_in(request, self._operation.parameters, self._in_path)
+        await self._operation.load()
         await turn()
-        with no_collection() if self.operation.is_large else nullcontext():
+        with no_collection() if self._operation.is_large else nullcontext():
             body = await self._answer(asked, asker_of(request))
         return json_response(body)
 
     async def _answer(self, asked: object, asker: Asker) -> bytes:
-        answer = await self.operation.answer(self._operator, asked, asker)
+        answer = await self._operation.answer(self._operator, asked, asker)
         if isinstance(answer, Reloaded) and not answer.ok:
             raise _not_reloaded(answer)
         writing = self._written_once(answer) if isinstance(answer, Status) else written(answer, _WRITE)

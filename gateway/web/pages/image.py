@@ -121,9 +121,9 @@ class _Names:
             for address in range(point.address, point.address + point.count):
                 self._names.setdefault(address, []).append(f"{point.name} {point.bits_shown}".rstrip())
 
-    def at(self, span: Span) -> str:
-        """List the names at the addresses of a span, each once."""
-        names = (name for address in range(span.start, span.end) for name in self._names.get(address, ()))
+    def at(self, first: int, count: int) -> str:
+        """List the names at so many addresses, each once."""
+        names = (name for address in range(first, first + count) for name in self._names.get(address, ()))
         return ", ".join(dict.fromkeys(names))
 
 

@@ -48,10 +48,6 @@ class Meant:
     value: Value | None
     text: str
 
-    def told(self) -> Fact:
-        """Convert it to a part of a fact."""
-        return {"point": self.point, "value": self.value, "text": self.text}
-
 
 @dataclass(frozen=True, slots=True)
 class Meanings:
