@@ -88,15 +88,13 @@ class Parameter:
         """Return whether this value of JSON, or member of an enumeration, is valid."""
         if isinstance(value, bool):
             return bool in self.types
+        one_of, within = self.note(OneOf), self.note(Within)
+        if one_of is not None and value != self.default and value not in one_of.choices:
+            return False
         if isinstance(value, int | float):
-            within = self.note(Within)
             fits = isinstance(value, self.types) or float in self.types
-            return fits and (within is None or within.least <= value <= within.most) and self._is_choice(value)
-        return isinstance(value, self.types) and self._is_choice(value) and (self.note(Filled) is None or bool(value))
-
-    def _is_choice(self, value: object) -> bool:
-        one_of = self.note(OneOf)
-        return one_of is None or value == self.default or value in one_of.choices
+            return fits and (within is None or within.least <= value <= within.most)
+        return isinstance(value, self.types) and (self.note(Filled) is None or bool(value))
 
 
 def parameters_of(kind: Any) -> tuple[Parameter, ...]:

@@ -1,7 +1,7 @@
 """What became of a failed request, in sentences, for `trace --why` and the page of a unit."""
 
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from datetime import datetime
 from shlex import quote
 from typing import Any, Final, Literal
@@ -105,10 +105,17 @@ def _not_sent(story: Story) -> list[str]:
     result = story["result"]
     if not story.get("line") and result in _OF_LINES:
         return _made_in_python(story)
-    tell = _NOT_SENT.get(result)
-    if tell is _not_repeated:
-        return [tell(story)]
-    what = f"It was refused: {story['reason'] or result}." if tell is None else tell(story)
+    if result in ("timeout", "line_lost"):
+        why = "the port was lost" if result == "line_lost" else "there was no time left for that"
+        return [f"It had been sent without a response, and was to be sent once more, but {why}."]
+    if result == "line_down":
+        what = _line_down(story)
+    elif result == "stale":
+        what = _stale(story)
+    else:
+        until = f" until {clock(story['until'])}" if story.get("until") else ""
+        own = {"until": until, "way": _way(story), "waited": _waited(story), "reason": story["reason"] or result}
+        what = _NOT_SENT.get(result, "It was refused: {reason}.").format_map({**story, **own})
     return [what, "Nothing was sent."]
 
 
@@ -153,39 +160,6 @@ def _line_down(story: Story) -> str:
     return what if what.endswith("?") else f"{what}."
 
 
-def _resting(story: Story) -> str:
-    until = f" until {clock(story['until'])}" if story["until"] else ""
-    return f"The unit had not answered {story['count']} times in a row, and rests{until}: it is left alone."
-
-
-def _overdue(story: Story) -> str:
-    until = f" until {clock(story['until'])}" if story["until"] else ""
-    return (
-        f"An earlier request to this unit got no response within its limit. It may still come{until} (late window) "
-        "and could be taken for the response to this one."
-    )
-
-
-def _queue_full(story: Story) -> str:
-    return f"{story['count']} requests waited for {_way(story)} already: its queue was full."
-
-
-def _expired(story: Story) -> str:
-    return f"{_waited(story)}for {_way(story)}, which is longer than its max_wait."
-
-
-def _no_route(story: Story) -> str:
-    return f"There is no route to unit {story['unit']}: {story['reason']}."
-
-
-def _only_heard(story: Story) -> str:
-    return f"Nothing is sent to unit {story['unit']}: {story['reason']}. A mirror of it answers clients."
-
-
-def _denied(story: Story) -> str:
-    return f"The client has no right to this {story['reason']}: [[access]] says who may do what."
-
-
 def _stale(story: Story) -> str:
     """Say which source has no fresh value, and who knows why."""
     what, sources = f"{story['reason'] or 'the values are too old'}.", story.get("sources", ())
@@ -197,15 +171,6 @@ def _stale(story: Story) -> str:
     return f"No fresh value: {what}{others} {commands}, modbus-gateway doctor {quote(line)} what to do."
 
 
-def _unwanted(_: Story) -> str:
-    return "Its client had left, or sends no more."
-
-
-def _not_repeated(story: Story) -> str:
-    why = "the port was lost" if story["result"] == "line_lost" else "there was no time left for that"
-    return f"It had been sent without a response, and was to be sent once more, but {why}."
-
-
 #: What became of a request that was sent, by its result.
 _AFTER_SENDING: Final[Mapping[str, str]] = {
     "timeout": "No response came within {limit}.",
@@ -213,20 +178,17 @@ _AFTER_SENDING: Final[Mapping[str, str]] = {
     "line_lost": "The port was lost after {elapsed}, before a response came; the unit may have acted.",
 }
 
-#: Why a request was not sent, by its result.
-_NOT_SENT: Final[Mapping[str, Callable[[Story], str]]] = {
-    "no_route": _no_route,
-    "only_heard": _only_heard,
-    "line_down": _line_down,
-    "resting": _resting,
-    "overdue": _overdue,
-    "queue_full": _queue_full,
-    "expired": _expired,
-    "denied": _denied,
-    "stale": _stale,
-    "unwanted": _unwanted,
-    "timeout": _not_repeated,
-    "line_lost": _not_repeated,
+#: Why a request was not sent, by its result, where that needs no more than words of the story.
+_NOT_SENT: Final[Mapping[str, str]] = {
+    "no_route": "There is no route to unit {unit}: {reason}.",
+    "only_heard": "Nothing is sent to unit {unit}: {reason}. A mirror of it answers clients.",
+    "resting": "The unit had not answered {count} times in a row, and rests{until}: it is left alone.",
+    "overdue": "An earlier request to this unit got no response within its limit. It may still come{until} "
+    "(late window) and could be taken for the response to this one.",
+    "queue_full": "{count} requests waited for {way} already: its queue was full.",
+    "expired": "{waited}for {way}, which is longer than its max_wait.",
+    "denied": "The client has no right to this {reason}: [[access]] says who may do what.",
+    "unwanted": "Its client had left, or sends no more.",
 }
 
 #: Results for which that is said of a line or a server.

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import AsyncIterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -88,7 +89,8 @@ class Api:
     async def trace(self, request: web.Request) -> web.StreamResponse:
         """Send what happens on the lines, as it happens."""
         visitor, asked = request[VISITOR], await parameters_in(request, RecordsToFollow)
-        source = TraceReader(self._operator, asked.traced, visitor.host, self._texts, asked.per_second)
+        traced = replace(asked.traced, points=asked.points)
+        source = TraceReader(self._operator, traced, visitor.host, self._texts, asked.per_second)
         return await self._streams.serve(request, source, visitor, partial(self._guard.is_valid, visitor))
 
     async def capture(self, request: web.Request) -> web.StreamResponse:

@@ -1,6 +1,6 @@
 """Which records of the trace an HTTP request asks for."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Final
 
 from gateway.operator.operations.asked import LineNamed, Traced, UnitNamed, WithPoints
@@ -34,7 +34,14 @@ class RecordsToCapture:
     @property
     def traced(self) -> Traced:
         """The same selection for the ring."""
-        return _traced(self)
+        return Traced(
+            since=self.seconds,
+            line=self.line,
+            unit=self.unit,
+            function=self.function,
+            client=self.client,
+            result=self.result,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,19 +55,3 @@ class RecordsToFollow(RecordsToCapture):
         f"a whole number from 1 to {MOST_PER_SECOND}; `clock` tells in `left_out` how many others there were",
     ] = None
     points: WithPoints = False
-
-    @property
-    def traced(self) -> Traced:
-        """See RecordsToCapture."""
-        return replace(_traced(self), points=self.points)
-
-
-def _traced(asked: RecordsToCapture) -> Traced:
-    return Traced(
-        since=asked.seconds,
-        line=asked.line,
-        unit=asked.unit,
-        function=asked.function,
-        client=asked.client,
-        result=asked.result,
-    )
