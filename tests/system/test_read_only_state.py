@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import socket
 import subprocess
 import time
@@ -12,10 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.images.drivers.saved import LOG, OLD_TABLE
+from gateway.images.drivers.saved import LOG
 from gateway.modbus import mbap
-from gateway.modbus.codes import Area
-from gateway.state.database import open_table
 from kit.process import PATIENCE, GatewayProcess, command
 
 CONFIG = """
@@ -134,33 +131,6 @@ def test_on_a_file_system_that_was_never_written_it_runs_too(
         assert [gateway.ask(unit, "03 0000 0001") for unit in KEPT] == 2 * ["03 02 00 00"]
         assert gateway.stop() == 0
     assert list(state.iterdir()) == []
-
-
-@pytest.mark.parametrize("is_link", [False, True])
-def test_values_of_an_earlier_version_wait_until_they_can_be_taken_over(
-    tmp_path: Path, state: Path, disk: Callable[[str], None], is_link: bool
-) -> None:
-    old = state / "images.sqlite"
-    database = open_table(old, OLD_TABLE).database
-    database.write([("always", Area.HOLDING, 0, 7)])
-    database.close()
-    if is_link:
-        shutil.move(old, tmp_path / "elsewhere")
-        old.symlink_to(tmp_path / "elsewhere")
-        reason = f"{old} is a symbolic link, which is not followed; remove it"
-    else:
-        disk("ro")
-        reason = f"the values of {old} cannot be taken over: {state} cannot be written"
-    with Gateway(tmp_path) as gateway:
-        assert gateway.told("state_not_kept")[str(state / LOG)] == reason
-        assert [gateway.ask(unit, "03 0000 0001") for unit in (*KEPT, PLAIN)] == ["83 04", "83 04", "03 02 00 00"]
-        if is_link:
-            old.unlink()
-            shutil.move(tmp_path / "elsewhere", old)
-        else:
-            disk("rw")
-        gateway.command("reload")
-        assert gateway.ask(200, "03 0000 0001") == "03 02 00 07"
 
 
 @pytest.mark.parametrize("name", [LOG, "images.snapshot"])

@@ -11,11 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from gateway.images.drivers.saved import LOG, OLD_TABLE, open_saved
+from gateway.images.drivers.saved import LOG, open_saved
 from gateway.images.drivers.store import INTERVAL
 from gateway.modbus import mbap
 from gateway.modbus.codes import Area
-from gateway.state.database import open_table
 from gateway.state.page_log import SIZE
 from kit.process import PATIENCE, GatewayProcess, command
 
@@ -125,20 +124,6 @@ def test_nobody_else_can_use_the_file(tmp_path: Path, state: Path) -> None:
 def test_an_image_that_is_not_kept_needs_no_file(tmp_path: Path, state: Path) -> None:
     assert asked(tmp_path, "never", "06 0000 0007") == ["06 00 00 00 07"]
     assert not (state / LOG).exists()
-
-
-def test_values_of_an_earlier_version_are_taken_over(tmp_path: Path, state: Path) -> None:
-    state.mkdir()
-    old = open_table(state / "images.sqlite", OLD_TABLE).database
-    old.write([("shift-data", Area.HOLDING, 0, 7), ("shift-data", Area.HOLDING, 50, 8), ("other", Area.COILS, 3, 1)])
-    old.close()
-    asked(tmp_path, "always", "06 0001 0009", end=signal.SIGKILL)
-    assert {"images.sqlite.old", LOG, "images.snapshot"} <= {file.name for file in state.iterdir()}
-    assert asked(tmp_path, "always", "03 0000 0002", "03 0032 0001") == ["03 04 00 07 00 09", "03 02 00 08"]
-    values = {("shift-data", Area.HOLDING): {0: 7, 1: 9, 50: 8}, ("other", Area.COILS): {3: 1}}
-    opened = open_saved(state)
-    opened.saved.close()
-    assert opened.values == values
 
 
 # --- damage ----------------------------------------------------------------------------------------

@@ -1,15 +1,11 @@
-"""The values of persistent images on the disk, also in the file of an earlier version. All calls block."""
+"""The values of persistent images on the disk. All calls block."""
 
-import errno
 import json
-import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
-from zlib import crc32
 
 from gateway.modbus.codes import Area
-from gateway.state.database import Row, Table, open_table
 from gateway.state.page_log import PageLog
 
 _NAME: Final = "images"
@@ -33,10 +29,8 @@ def add(to: Values, *more: Values) -> Values:
 class SavedValues:
     """The open files, locked against other processes."""
 
-    def __init__(self, log: PageLog, old: Path | None) -> None:
-        """Use this log; `old` is the file of an earlier version with these values."""
+    def __init__(self, log: PageLog) -> None:
         self._log = log
-        self._old = old
 
     def write(self, values: Values, kept: Values) -> None:
         """Write all of the values or none; on return they are on the disk. `kept` are all earlier values.
@@ -46,9 +40,6 @@ class SavedValues:
             StateError: another process has the files open.
         """
         self._log.write(_records(values, {}), lambda: _records(kept, values))
-        if self._old is not None:
-            self._old.rename(f"{self._old}.old")
-            self._old = None
 
     def close(self) -> None:
         """Close the files."""
@@ -64,7 +55,7 @@ class Opened(NamedTuple):
 
 
 def open_saved(folder: Path) -> Opened:
-    """Read the values in `folder`, else those of an earlier version. Nothing is written yet.
+    """Read the values in `folder`. Nothing is written yet.
 
     Raises:
         StateError: another process has them open, or a later version has written them.
@@ -72,16 +63,11 @@ def open_saved(folder: Path) -> Opened:
     """
     log = PageLog(folder / _NAME)
     records, damage = log.open()
-    old = None if records or damage else find_old(folder)
     values: Values = {}
-    if old is None:
-        for record in records:
-            image, area, start, content = json.loads(record)
-            add(values, {(image, Area(area)): dict(enumerate(content, start))})
-        return Opened(SavedValues(log, None), values, damage)
-    for image, area, address, value in old.rows:
-        add(values, {(image, area): {address: value}})
-    return Opened(SavedValues(log, old.file), values, old.damage)
+    for record in records:
+        image, area, start, content = json.loads(record)
+        add(values, {(image, Area(area)): dict(enumerate(content, start))})
+    return Opened(SavedValues(log), values, damage)
 
 
 def _records(kept: Values, changed: Values) -> Iterator[bytes]:
@@ -102,51 +88,3 @@ def _runs(addresses: Iterable[int]) -> Iterator[list[int]]:
         run.append(address)
     if run:
         yield run
-
-
-class OldFile(NamedTuple):
-    """The file of an earlier version: a database with a row for each value: image, area, address, value.
-
-    `damage` describes its fault; empty if there was none.
-    """
-
-    file: Path
-    rows: tuple[tuple[str, Area, int, int], ...]
-    damage: str
-
-
-def _check_sum(row: Row) -> int:
-    image, area, address, value = row
-    return crc32(f"{image}/{area}/{address}={value}".encode())
-
-
-#: The table of earlier versions.
-OLD_TABLE: Final = Table(
-    name="items",
-    columns=(("image", "TEXT"), ("area", "TEXT"), ("address", "INTEGER"), ("value", "INTEGER")),
-    keys=3,
-    check_sum=_check_sum,
-    application=0x4D424757,  # "MBGW"
-    version=1,
-    needed_by="images that persist",
-)
-
-
-def find_old(folder: Path) -> OldFile | None:
-    """Read the file of an earlier version in `folder`, if there is one. A damaged one is moved aside first.
-
-    Raises:
-        StateError: it is in use or from a later version, or it cannot be read or moved.
-        OSError: it is a link, or cannot be written: SQLite writes to what it opens.
-    """
-    file = folder / "images.sqlite"
-    if not file.is_file():
-        return None
-    if file.is_symlink():
-        raise OSError(errno.ELOOP, f"{file} is a symbolic link, which is not followed; remove it")
-    for place in (folder, file):
-        if not os.access(place, os.R_OK | os.W_OK, effective_ids=True):
-            raise OSError(errno.EACCES, f"the values of {file} cannot be taken over: {place} cannot be written")
-    database, rows, damage = open_table(file, OLD_TABLE)
-    database.close()
-    return OldFile(file, tuple((image, Area(area), address, value) for image, area, address, value in rows), damage)
