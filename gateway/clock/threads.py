@@ -1,5 +1,6 @@
 """Threads for calls into drivers, which may never return."""
 
+import asyncio
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from functools import partial
@@ -30,6 +31,11 @@ class ThreadPerCall(Executor):
         job = partial(call, *args, **kwargs)
         Thread(target=_run, args=([job], outcome), name=self._purpose, daemon=True).start()
         return outcome
+
+
+async def in_thread(purpose: str, call: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
+    """Run a call in a new thread, named after its purpose; return what it returns, and raise what it raises."""
+    return await asyncio.get_running_loop().run_in_executor(ThreadPerCall(purpose), partial(call, *args, **kwargs))
 
 
 def _run(jobs: list[Callable[[], T]], outcome: Future[T]) -> None:

@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.errors import FleetError, TlsError
 from gateway.events import Emit, FleetBucketUnsafe, FleetLost, FleetRefused, FleetUp, PartFailed
 from gateway.fleet.connection import NatsConnection
@@ -86,8 +86,7 @@ class Link:
             FleetError: it cannot be made, or is lost.
             TlsError: a file cannot be used.
         """
-        loop = asyncio.get_running_loop()
-        login = await loop.run_in_executor(ThreadPerCall("read credentials"), self._login)
+        login = await in_thread("read credentials", self._login)
         self.server = self._servers[(self._first + self.attempts) % len(self._servers)]
         self.attempts += 1
         self._refusals.clear()

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.errors import BrokerError, TlsError
 from gateway.events import BrokerLost, BrokerRefused, BrokerUp, Emit, PartFailed
 from gateway.plant.client import VERSIONS, BrokerSettings, Version
@@ -130,8 +130,7 @@ class Broker:
             TlsError: a file cannot be used.
         """
         driver, publisher, form = self._driver, self._driver.publisher, self._driver.publisher.form
-        loop = asyncio.get_running_loop()
-        settings = await loop.run_in_executor(ThreadPerCall("read password"), self._settings)
+        settings = await in_thread("read password", self._settings)
         self.attempts += 1
         will = publisher.will(driver.now())
         self._status, self._refusal = will.topic, ""

@@ -9,7 +9,7 @@ from paho.mqtt.client import MQTTMessage
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.errors import BrokerError
 from gateway.plant.client import LARGEST_PACKET, MOST_IN_FLIGHT, STEP_TIME, BrokerClient, BrokerSettings, Version, size
 from gateway.plant.messages import Delivery, Message
@@ -87,7 +87,7 @@ class BrokerConnection:
         """
         try:
             async with asyncio.timeout(2 * STEP_TIME):
-                await self._loop.run_in_executor(ThreadPerCall("connect to broker"), self._client.log_in)
+                await in_thread("connect to broker", self._client.log_in)
                 self._listen()
                 (reason,), properties = await self._answer
         except TimeoutError:

@@ -4,13 +4,12 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Final, Protocol
 
 from gateway import events
 from gateway.clock.beside import end
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.config.plan.differences import differences, need_restart
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
@@ -111,10 +110,9 @@ class Reloader:
     async def keep_in_use(self) -> None:
         """Keep the config in use among the last ones; wait for the disk for LOADING_TIME at most."""
         if self.applied is not None:
-            keep = partial(self.applied.keep, self.text, self.profile_texts)
             with suppress(TimeoutError):
                 async with asyncio.timeout(LOADING_TIME):
-                    await asyncio.get_running_loop().run_in_executor(ThreadPerCall("keep config"), keep)
+                    await in_thread("keep config", self.applied.keep, self.text, self.profile_texts)
 
     async def close(self) -> None:
         """Cancel the reloads that are in progress or ordered."""
@@ -140,10 +138,9 @@ class Reloader:
         return outcome
 
     async def _reload(self) -> Outcome:
-        loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(READING_TIME):
-                loaded = await loop.run_in_executor(ThreadPerCall("read config"), self.read, self.file)
+                loaded = await in_thread("read config", self.read, self.file)
         except TimeoutError:
             return self._rejected((f"{self.file}: cannot be read within {READING_TIME:g} s; is its disk there?",))
         except ConfigError as error:
@@ -153,9 +150,9 @@ class Reloader:
         old, new = self._running.gateway.plan, loaded.plan
         try:
             async with asyncio.timeout(LOADING_TIME):
-                certificates, unusable = await loop.run_in_executor(ThreadPerCall("read certificates"), _load, new)
-                await loop.run_in_executor(ThreadPerCall("read state"), self._running.builder.prepare, new, old)
-                old_code = await loop.run_in_executor(ThreadPerCall("look at modules"), list, outdated(new.images))
+                certificates, unusable = await in_thread("read certificates", _load, new)
+                await in_thread("read state", self._running.builder.prepare, new, old)
+                old_code = await in_thread("look at modules", list, outdated(new.images))
             defect = await self._switch(self._running.builder.build(new, self._running.gateway), certificates)
         except TimeoutError:
             what = "what images keep, certificates, or units made in Python,"
@@ -164,7 +161,7 @@ class Reloader:
             return self._rejected((str(error),))
         self._settle()
         self.text, self.profile_texts = loaded.text, loaded.profile_texts
-        self.applied_at = loop.time()
+        self.applied_at = asyncio.get_running_loop().time()
         self._running.reload_succeeded = not defect
         warnings = (*map(str, loaded.problems), *unusable)
         outcome = changed(old, new, self.at_start)

@@ -8,13 +8,12 @@ import asyncio
 import sqlite3
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, Generic, ParamSpec, Protocol, TypeVar
 from zlib import crc32
 
 from gateway.clock.beside import Work, beside, guarded
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.errors import StateError
 from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.state.database import Database, Opened, Row, Table, is_damage, open_table
@@ -220,8 +219,7 @@ class RowFile(Generic[E]):
         self._fails = bool(trouble)
 
     async def _in_thread(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(ThreadPerCall(self._table.name), partial(call, *args, **kwargs))
+        return await in_thread(self._table.name, call, *args, **kwargs)
 
 
 @asynccontextmanager

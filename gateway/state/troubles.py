@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Final
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.events import Emit, Event, StateDamaged, StateKeptAgain, StateNotKept
 from gateway.state.status import StateFileStatus
 
@@ -50,10 +50,9 @@ class StateTroubles:
 
     async def keep_looking(self) -> None:
         """Check the folder every LOOK_EVERY seconds, until cancelled."""
-        loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(LOOK_EVERY)
-            await loop.run_in_executor(ThreadPerCall("look at state folder"), self.look)
+            await in_thread("look at state folder", self.look)
 
 
 def why_not_writable(folder: Path) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway import events
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.diagnosis.evidence import PortInUse
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import about_ports, with_ports
@@ -98,7 +98,7 @@ class Examinations:
         loop = asyncio.get_running_loop()
         began = loop.time()
         groups, ports = await examined(self._running, None, lambda: True, asks=asks)
-        of_ports = await loop.run_in_executor(ThreadPerCall("web doctor"), _about, ports)
+        of_ports = await in_thread("web doctor", _about, ports)
         findings = tuple(
             (name, tuple(with_ports([each for line, each in of_ports if line == name], found)))
             for name, found in groups

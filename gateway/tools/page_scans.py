@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gateway import events
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.config.machine.known_kinds import known_kinds
 from gateway.errors import PortError, WrongQuestion
 from gateway.lines.line import Line
@@ -195,8 +195,7 @@ class PageScans:
 
     async def _on_port(self, wanted: PortToScan) -> SpeedSteps:
         running, timing = self._operator.running, wanted.timing
-        loop, file = asyncio.get_running_loop(), self._operator.reloader.file
-        kinds = await loop.run_in_executor(ThreadPerCall("read profiles"), known_kinds, file)
+        kinds = await in_thread("read profiles", known_kinds, self._operator.reloader.file)
         port, speed = SerialSettings(wanted.port, timing.baud, timing.format), Speed(timing.baud, timing.format)
         line = unused_line(port, timing, running.builder.opener)
         used: list[Line] = []

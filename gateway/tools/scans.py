@@ -1,10 +1,9 @@
 """Scans of the running gateway's lines: conditions, and the units that are left out."""
 
-import asyncio
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import aclosing
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.config.machine.known_kinds import known_kinds
 from gateway.config.problem import WrongValue
 from gateway.config.values.unitset import parse_units, show_units
@@ -79,8 +78,7 @@ def check_may_scan(running: Running, asker: Asker) -> None:
 
 async def _kinds(operator: Operator) -> list[KnownKind]:
     """Read, in a thread, how the kinds of devices are recognised that the gateway's config knows."""
-    loop, file = asyncio.get_running_loop(), operator.reloader.file
-    return await loop.run_in_executor(ThreadPerCall("read profiles"), known_kinds, file)
+    return await in_thread("read profiles", known_kinds, operator.reloader.file)
 
 
 async def _at_all_speeds(

@@ -3,15 +3,12 @@
 import asyncio
 import time
 from collections.abc import Sequence
-from functools import partial
 from itertools import chain
 from typing import Final
 
-from gateway.clock.threads import ThreadPerCall
-from gateway.config.plan.settings import Plan
+from gateway.clock.threads import in_thread
 from gateway.diagnosis.finding import Finding
 from gateway.fleet.inventory import OwnInventory, SiteAdapter, SiteCertificate, SiteFinding
-from gateway.operator.operations.answers.inventory import InventoryAdapter
 from gateway.readconfig.expiry import certificates
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
@@ -35,9 +32,10 @@ async def keep_telling(running: Running, reloader: Reloader) -> None:
 
 async def own_inventory(running: Running, reloader: Reloader) -> OwnInventory:
     """Look at this gateway. The adapters are looked at in a thread."""
-    loop, plan, applied_at = asyncio.get_running_loop(), running.gateway.plan, reloader.applied_at
-    seen = partial(_seen, plan, reloader.text)
-    mark, adapters = await loop.run_in_executor(ThreadPerCall("site inventory"), seen)
+    from gateway.operator.fleet.inventory import look_at_machine  # noqa: PLC0415 - most gateways are in no fleet
+
+    plan, applied_at = running.gateway.plan, reloader.applied_at
+    mark, adapters = await in_thread("site inventory", look_at_machine, plan, reloader.text)
     expiring = sorted(certificates(running.contexts, time.time()), key=lambda each: each.days_left)
     found = await _examined(running)
     to_fix = [each for each in found if each.level == "fix"]
@@ -49,14 +47,8 @@ async def own_inventory(running: Running, reloader: Reloader) -> OwnInventory:
         to_fix=len(to_fix),
         notes=sum(each.level == "note" for each in found),
         worst=tuple(SiteFinding(each.about, each.what) for each in to_fix),
-        examined_at=loop.time(),
+        examined_at=asyncio.get_running_loop().time(),
     )
-
-
-def _seen(plan: Plan, text: str) -> tuple[str, tuple[InventoryAdapter, ...]]:
-    from gateway.operator.fleet.inventory import look_at_machine  # noqa: PLC0415 - most gateways are in no fleet
-
-    return look_at_machine(plan, text)
 
 
 async def _examined(running: Running) -> Sequence[Finding]:

@@ -13,7 +13,7 @@ from time import sleep
 from typing import Final
 
 from gateway.clock.slices import turn
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.config.reading.masking import secrets_in
 from gateway.errors import ConfigError, WrongQuestion
 from gateway.operator.fleet.inventory import tell_inventory
@@ -71,7 +71,7 @@ async def tell_all(operator: Operator, asked: ToSupport, asker: Asker) -> AsyncG
 
 async def make_bundle(operator: Operator, asked: ToSupport, asker: Asker) -> bytes:
     """Make a bundle of this gateway and its machine (.tar.gz)."""
-    bundle, loop, reloader = Bundle(), asyncio.get_running_loop(), operator.reloader
+    bundle, reloader = Bundle(), operator.reloader
     async with aclosing(tell_all(operator, asked, asker)) as documents:
         async for document in documents:
             bundle.add(document)
@@ -82,7 +82,7 @@ async def make_bundle(operator: Operator, asked: ToSupport, asker: Asker) -> byt
         bundle.add_all(documents_of_machine(reloader.file, state, lambda: _check(reloader)))
         return bundle.packed(secrets_in(reloader.text), platform.node(), at, lambda: sleep(_PAUSE))
 
-    return await loop.run_in_executor(ThreadPerCall("support"), packed)
+    return await in_thread("support", packed)
 
 
 def _check(reloader: Reloader) -> str:
@@ -125,8 +125,7 @@ async def _metrics(operator: Operator, _asker: Asker) -> _Text:
     from gateway.observe.metrics import exposition  # noqa: PLC0415 - its library may not be installed
 
     families = await read(operator.running)
-    loop = asyncio.get_running_loop()
-    text = (await loop.run_in_executor(ThreadPerCall("support"), exposition, families)).decode()
+    text = (await in_thread("support", exposition, families)).decode()
     for part in _parts(text):
         yield part
 
@@ -170,7 +169,7 @@ async def _in_json(answer: object) -> _Text:
     def written() -> str:
         return json.dumps(answer, default=fields_of, ensure_ascii=False, indent=1) + "\n"
 
-    text = await asyncio.get_running_loop().run_in_executor(ThreadPerCall("support"), written)
+    text = await in_thread("support", written)
     for part in _parts(text):
         yield part
 

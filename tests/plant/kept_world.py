@@ -74,7 +74,7 @@ class Disk:
             each.close()
         self.files.clear()
 
-    async def call(self, call, *arguments):
+    async def call(self, _purpose, call, *arguments):
         """Run a call as a thread would: it begins later, and its result is heard of later still."""
         await asyncio.sleep(self.chance.choice((0.0, 0.01, 0.05)))
         if not self.works_again and self.chance.random() < self.life["hang"]:
@@ -167,7 +167,7 @@ class World:
         self.last_history = -1.0
         self.disk = Disk(self.chance, self.life)
         self.disk.folder = folder
-        keeper_module._in_thread = self.disk.call
+        keeper_module.in_thread = self.disk.call
         self.start()
 
     # --- the gateway ---
@@ -535,7 +535,7 @@ def run(seed: int, *, steps: int = 400) -> None:
 def run_one(seed: int, name: str, *, sparkplug: bool, steps: int = 400) -> None:
     """Run one life."""
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as folder:
-        loop, in_thread = VirtualTimeLoop(), keeper_module._in_thread
+        loop, in_thread = VirtualTimeLoop(), keeper_module.in_thread
         try:
             loop.run_until_complete(live(seed, name, Path(folder), sparkplug=sparkplug, steps=steps))
         except BaseException as error:
@@ -547,7 +547,7 @@ def run_one(seed: int, name: str, *, sparkplug: bool, steps: int = 400) -> None:
                 with suppress(asyncio.CancelledError):
                     loop.run_until_complete(task)
             loop.close()
-            keeper_module._in_thread = in_thread
+            keeper_module.in_thread = in_thread
 
 
 if __name__ == "__main__":

@@ -461,13 +461,13 @@ async def test_messages_get_smaller_when_connections_are_lost_by_them(tmp_path):
 async def test_what_is_in_a_file_that_opens_slowly_comes_before_later_values(tmp_path, monkeypatch):
     async with plant(tmp_path) as hall:
         await hall.count(12)
-    in_thread = keeper._in_thread
+    in_thread = keeper.in_thread
 
     async def slowly(*call):
         await asyncio.sleep(0.5)
         return await in_thread(*call)
 
-    monkeypatch.setattr(keeper, "_in_thread", slowly)
+    monkeypatch.setattr(keeper, "in_thread", slowly)
     async with plant(tmp_path) as again:
         again.silo.holding[0] = 1000
         await asyncio.sleep(0.4)

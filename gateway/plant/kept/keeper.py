@@ -5,12 +5,11 @@ import sqlite3
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
-from typing import Final, ParamSpec, TypeVar
+from typing import Final
 
 from gateway.clock.setting import clock_setting
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.clock.times import rfc_3339
 from gateway.config.values.size import show_size
 from gateway.errors import StateError
@@ -25,10 +24,8 @@ from gateway.plant.status import KeptStatus
 from gateway.state.database import is_damage
 from gateway.timing.clock_setting import ClockSetting
 
-P = ParamSpec("P")
-T = TypeVar("T")
-
 FILE_NAME: Final = "mqtt-kept.sqlite"
+_THREAD: Final = "kept readings"
 #: How long the disk may take at the end, in seconds.
 CLOSING_DEADLINE: Final = 1.0
 
@@ -170,7 +167,7 @@ class Keeper:
             await self._wait(write_at)
         await self._try(self._write)
         if self._file is not None:
-            await _in_thread(self._file.close)
+            await in_thread(_THREAD, self._file.close)
 
     async def _wait(self, until: float) -> None:
         with suppress(TimeoutError):
@@ -184,7 +181,7 @@ class Keeper:
             await step()
         except (StateError, sqlite3.Error) as error:
             if is_damage(error) and self._file is not None:
-                await _in_thread(self._file.close)
+                await in_thread(_THREAD, self._file.close)
                 self._file, self._totals = None, Totals()
                 self._backlog.lost_file()
                 self._count_given_up("the file was damaged")
@@ -205,7 +202,7 @@ class Keeper:
         if chunks or gone:
             done = Written(self._totals)
             try:
-                await _in_thread(file.write, chunks, gone, done)
+                await in_thread(_THREAD, file.write, chunks, gone, done)
             finally:
                 self._totals = done.totals
                 self._backlog.written(done)
@@ -215,13 +212,13 @@ class Keeper:
         self._tell("")
 
     async def _open(self, path: Path) -> KeptFile:
-        file, damage = await _in_thread(partial(KeptFile.open, path, self.most))
+        file, damage = await in_thread(_THREAD, KeptFile.open, path, self.most)
         if damage:
             self._emit(StateDamaged(str(path), damage))
         try:
-            readings, totals = await _in_thread(file.readings), await _in_thread(file.totals)
+            readings, totals = await in_thread(_THREAD, file.readings), await in_thread(_THREAD, file.totals)
         except sqlite3.Error:
-            await _in_thread(file.close)  # the next attempt could not open it
+            await in_thread(_THREAD, file.close)  # the next attempt could not open it
             raise
         self._file, self._totals = file, totals
         self._backlog.opened(readings, self._totals.end)
@@ -233,7 +230,7 @@ class Keeper:
         if self._file is None:
             return
         after = self._backlog.loaded_to
-        self._backlog.load(await _in_thread(self._file.after, after), after)
+        self._backlog.load(await in_thread(_THREAD, self._file.after, after), after)
         self._count_given_up("the file was damaged")
         self.ready()
 
@@ -247,8 +244,3 @@ class Keeper:
 
 def _size(batch: Batch) -> int:
     return sum(len(record.values) for record in batch.records)
-
-
-async def _in_thread(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    loop = asyncio.get_running_loop()
-    return await loop.run_in_executor(ThreadPerCall("kept readings"), partial(call, *args, **kwargs))

@@ -3,11 +3,10 @@
 Earlier announcements, of any site and form, are cleared once they are no longer made.
 """
 
-import asyncio
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.config.plan.settings import MqttPlan
 from gateway.plant.discovery import Announced, Discovery
 from gateway.plant.messages import Message
@@ -31,8 +30,7 @@ class Announcing:
     @classmethod
     async def of(cls, plan: MqttPlan, announced: AnnouncedDevices) -> "Announcing":
         """Make the messages of a plan, in a thread: there may be thousands of points."""
-        loop = asyncio.get_running_loop()
-        return cls(*await loop.run_in_executor(ThreadPerCall("announce"), _made, plan, announced.entries()), announced)
+        return cls(*await in_thread("announce", _made, plan, announced.entries()), announced)
 
     def withdrawal(self) -> list[Message]:
         """List the messages that clear all that was announced."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.clock.beside import end
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.errors import UsersError
 from gateway.readconfig.page_users import Users, read_users
 
@@ -60,9 +60,7 @@ class UserTable:
                     self._rejected(str(error))
 
     async def _read(self, file: Path) -> None:
-        loop = asyncio.get_running_loop()
-        look, users = await loop.run_in_executor(ThreadPerCall("web users"), _read, file, self._look)
-        self._look = look
+        self._look, users = await in_thread("web users", _read, file, self._look)
         if users is not None:
             self.users = {name: user for name, user in users.items() if not user.is_program}
             self.programs = {user.hash: user for user in users.values() if user.is_program}

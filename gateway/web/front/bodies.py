@@ -5,7 +5,7 @@ from typing import Final
 
 from aiohttp import web
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.web.front.forms import MOST_FIELDS, read_form
 from gateway.web.front.problems import ProblemError
 
@@ -45,8 +45,7 @@ async def with_long_body(request: web.Request) -> web.Request:
     body = await _read_body(request, _LONG_BODY_TIME)
     if request.content_type == FORM_TYPE:
         try:
-            read = ThreadPerCall("web form")
-            request[FORM] = await asyncio.get_running_loop().run_in_executor(read, read_form, body)
+            request[FORM] = await in_thread("web form", read_form, body)
         except ValueError:
             raise ProblemError(400, f"the form is not UTF-8, or has more than {MOST_FIELDS} fields") from None
     return request

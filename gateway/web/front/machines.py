@@ -1,11 +1,10 @@
 """What monitoring asks: whether the gateway is alive and ready, and its metrics."""
 
-import asyncio
 from collections.abc import Sequence
 
 from aiohttp import web
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.observe.metrics import CONTENT_TYPE, exposition
 from gateway.operator.status.metrics import read
 from gateway.runtime.garbage import no_collection
@@ -54,4 +53,4 @@ async def _metrics(running: Running) -> bytes:
     """Read the counters in slices and format them in a thread, so that lines do not wait for that."""
     with no_collection():
         families = await read(running)
-        return await asyncio.get_running_loop().run_in_executor(ThreadPerCall("metrics"), exposition, families)
+        return await in_thread("metrics", exposition, families)

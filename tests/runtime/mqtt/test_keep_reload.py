@@ -143,13 +143,13 @@ async def test_without_keep_nothing_is_said_of_it(tmp_path, files):
 async def test_a_disk_that_hangs_holds_up_a_stop_for_a_second_and_is_told(tmp_path, monkeypatch):
     async with plant(tmp_path, KEEP) as (bench, publishing):
         await asyncio.sleep(5.0)
-        in_thread = keeper._in_thread
+        in_thread = keeper.in_thread
 
         async def slow(*call):
             await asyncio.sleep(3.0)
             return await in_thread(*call)
 
-        monkeypatch.setattr(keeper, "_in_thread", slow)
+        monkeypatch.setattr(keeper, "in_thread", slow)
         loop = asyncio.get_running_loop()
         begin = loop.time()
         await publishing.stop()
