@@ -2,7 +2,7 @@
 
 import logging
 import socket
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import aclosing, asynccontextmanager
 from functools import partial
 from typing import Final, cast
@@ -27,7 +27,6 @@ from gateway.web.front.problems import Handler, problems
 from gateway.web.front.settings import HEADERS, WebSettings
 from gateway.web.front.streams import Streams
 from gateway.web.pages.add_line import AddLinePage
-from gateway.web.pages.applied import AppliedPage
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.clients import ClientsPage
 from gateway.web.pages.config import ConfigPage
@@ -35,19 +34,20 @@ from gateway.web.pages.config_change import ConfigChangePage
 from gateway.web.pages.events import EventsPage
 from gateway.web.pages.head import Heads
 from gateway.web.pages.health import HealthPage
-from gateway.web.pages.heat_map import HeatMap
 from gateway.web.pages.image import ImagePage
 from gateway.web.pages.line import LinePage
 from gateway.web.pages.login import LoginPage
 from gateway.web.pages.overview import OverviewPage
+from gateway.web.pages.page import Page, Shown
 from gateway.web.pages.problem import problem_pages
-from gateway.web.pages.renderer import Page, Renderer
+from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.sites import SitesPage
 from gateway.web.pages.situation import Situations
 from gateway.web.pages.traffic import TrafficPage
 from gateway.web.pages.unit import UnitPage
 from gateway.web.pages.values import ValuesPage
-from gateway.web.pages.writing import WritePages, WriteRights
+from gateway.web.pages.write_rights import WriteRights
+from gateway.web.pages.writing import WritePages
 
 #: How long a connection may be idle between two requests, and how long the end waits for requests, in seconds.
 IDLE: Final = 75.0
@@ -64,6 +64,11 @@ _STREAMS: Final = frozenset({"/api/v1/events", "/api/v1/trace", "/api/v1/trace.p
 
 #: What takes a whole config in its body.
 _LONG_BODIES: Final = frozenset({"/api/v1/config/check", "/config/change", "/config/change/text"})
+
+_PAGES: Final[tuple[Callable[[Shown], Page], ...]] = (
+    *(OverviewPage, ValuesPage, LinePage, EventsPage, TrafficPage, UnitPage, ImagePage, WritePages, ClientsPage),
+    *(SitesPage, HealthPage, ConfigPage, ConfigChangePage, AddLinePage),
+)
 
 #: The logger for aiohttp's complaints about clients that do not send HTTP: not shown.
 _SILENT: Final = logging.getLogger(__name__)
@@ -145,27 +150,15 @@ def _application(
     assets = Assets()
     situations = Situations(operator, doctor)
     renderer = Renderer(assets, Heads(operator, situations), is_encrypted=settings.is_encrypted)
-    heat_map = HeatMap()
-    rights = WriteRights(operator, may_write=settings.write)
-    applied = AppliedPage(operator, renderer)
-    pages: tuple[Page, ...] = (
-        OverviewPage(operator, situations, renderer, heat_map),
-        ValuesPage(operator, renderer),
-        LinePage(operator, renderer, heat_map),
-        EventsPage(operator, situations, renderer),
-        TrafficPage(operator, renderer),
-        UnitPage(operator, renderer, rights),
-        ImagePage(operator, renderer, rights),
-        WritePages(operator, renderer, rights),
-        ClientsPage(operator, renderer),
-        SitesPage(operator, renderer),
-        HealthPage(doctor, renderer),
-        applied,
-        ConfigPage(operator, renderer, applied),
-        ConfigChangePage(operator, renderer),
-        AddLinePage(operator, scans, renderer),
-        LoginPage(settings, operator.running.emit, guard, table, sessions, renderer),
+    shown = Shown(
+        operator=operator,
+        renderer=renderer,
+        situations=situations,
+        rights=WriteRights(operator, may_write=settings.write),
+        doctor=doctor,
+        scans=scans,
     )
+    pages = (*(page(shown) for page in _PAGES), LoginPage(shown, settings, guard, table, sessions))
     routes = [
         *machine_routes(operator.running),
         *api.routes(),

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from aiohttp import web
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.config.problem import WrongValue
 from gateway.config.values.character_format import fits_mode, parse_format
 from gateway.config.values.unitset import parse_units, show_units
@@ -15,17 +15,16 @@ from gateway.errors import Unready, WrongQuestion
 from gateway.hardware.listing import ListedPort, list_serial_ports
 from gateway.operator.config.check import TextChecks
 from gateway.operator.operations.answers.scan import Found
-from gateway.operator.operator import Operator
 from gateway.operator.units.units import find_line, units_of
 from gateway.readconfig.text_check import TextProblem
 from gateway.timing.characters import LineTiming, Mode
-from gateway.tools.page_scans import LIKELY, PageScan, PageScans, PortToScan
+from gateway.tools.page_scans import LIKELY, PageScan, PortToScan
 from gateway.tools.scan import RATES
 from gateway.tools.scans import check_may_scan
 from gateway.tools.search import FORMATS
-from gateway.web.access.guard import VISITOR, Need
+from gateway.web.access.guard import VISITOR
 from gateway.web.api.asking import asker_for, asker_of
-from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.front.problems import ProblemError
 from gateway.web.front.turns import Turns
 from gateway.web.pages.addresses import see_other
 from gateway.web.pages.new_line import (
@@ -42,7 +41,7 @@ from gateway.web.pages.new_line import (
     with_devices,
     with_line,
 )
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.page import Page, Shown, route
 
 #: The rates of the form, and its formats.
 _RATES: Final = sorted(RATES)
@@ -53,29 +52,16 @@ _BAUD: Final = re.compile(r"[1-9][0-9]{1,7}")
 _NUMBER: Final = re.compile(r"[0-9]{1,3}")
 
 
-class AddLinePage:
+class AddLinePage(Page):
     """The handlers of `/config/line`."""
 
-    def __init__(self, operator: Operator, scans: PageScans, renderer: Renderer) -> None:
-        self._operator = operator
-        self._scans = scans
-        self._renderer = renderer
+    def __init__(self, shown: Shown) -> None:
+        super().__init__(shown)
         self._turns = Turns()
         self._listed_ports: Sequence[tuple[ListedPort, str]] = ()
         self._listed_at: float | None = None
 
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [
-            ("GET", "/config/line", self.show, "page"),
-            ("GET", "/config/line/devices", self.name, "page"),
-            ("POST", "/config/line/scans", self.scan, "operator"),
-            ("GET", "/config/line/scans/{id}", self.follow, "page"),
-            ("POST", "/config/line/scans/{id}", self.end, "operator"),
-            ("GET", "/config/line/text", self.begin_anew, "page"),
-            ("POST", "/config/line/text", self.write, "operator"),
-        ]
-
+    @route("GET", "/config/line")
     async def show(self, request: web.Request) -> web.Response:
         """Show the ports, or the settings of a scan if the address names a port or a line."""
         port, line = request.query.get("port", ""), request.query.get("line", "")
@@ -98,6 +84,7 @@ class AddLinePage:
             current=self._scans.current,
         )
 
+    @route("POST", "/config/line/scans", "operator")
     async def scan(self, request: web.Request) -> web.Response:
         """Start the scan that a form asks for.
 
@@ -120,6 +107,7 @@ class AddLinePage:
             raise ProblemError(409, str(wrong)) from wrong
         return see_other(f"/config/line/scans/{begun.identifier}")
 
+    @route("GET", "/config/line/scans/{id}")
     async def follow(self, request: web.Request) -> web.Response:
         """Show how far a scan is; in the end, a form with the units that were found."""
         found = self._scans.find(request.match_info["id"], request[VISITOR].csrf)
@@ -129,6 +117,7 @@ class AddLinePage:
             return await self._renderer.page("line_scan.html", request, scan=found)
         return await self._devices(request, found.found or (), _settings_of(found), found)
 
+    @route("POST", "/config/line/scans/{id}", "operator")
     async def end(self, request: web.Request) -> web.Response:
         """End a scan."""
         found = self._scans.find(request.match_info["id"], request[VISITOR].csrf)
@@ -136,6 +125,7 @@ class AddLinePage:
             self._scans.end(found, f"ended by {request[VISITOR].user}")
         return see_other(request.path)
 
+    @route("GET", "/config/line/devices")
     async def name(self, request: web.Request) -> web.Response:
         """Show the form with units that the address names, without a scan."""
         query = request.query
@@ -168,6 +158,7 @@ class AddLinePage:
             more=max(0, len(found) - MOST_DEVICES),
         )
 
+    @route("POST", "/config/line/text", "operator")
     async def write(self, request: web.Request) -> web.Response:
         """Show the text to add, what `check` says of it, and the commands.
 
@@ -210,6 +201,7 @@ class AddLinePage:
             **_sorted(checked.problems, new),
         )
 
+    @route("GET", "/config/line/text")
     async def begin_anew(self, _request: web.Request) -> web.Response:
         """Lead who comes without a form, as by the link to another language, to the first step."""
         return see_other("/config/line")
@@ -219,7 +211,7 @@ class AddLinePage:
         async with self._turns.turn(request):
             loop = asyncio.get_running_loop()
             if self._listed_at is None or loop.time() - self._listed_at > PORTS_KEPT:
-                self._listed_ports = await loop.run_in_executor(ThreadPerCall("web ports"), self._listed)
+                self._listed_ports = await in_thread("web ports", self._listed)
                 self._listed_at = loop.time()
             return self._listed_ports
 

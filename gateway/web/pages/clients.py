@@ -9,7 +9,6 @@ from aiohttp import web
 from gateway.config.plan.rights_in_words import rows_in_words
 from gateway.errors import WrongQuestion
 from gateway.operator.operations.asked import Traced
-from gateway.operator.operator import Operator
 from gateway.operator.status.status import recent_status
 from gateway.operator.trace.reader import latest
 from gateway.operator.units.rights import Client, Verdict, routers, verdict
@@ -17,9 +16,8 @@ from gateway.operator.units.units import units_of
 from gateway.plant.status import show_use
 from gateway.tls.status import EARLY
 from gateway.trace.pdus import FUNCTIONS
-from gateway.web.access.guard import VISITOR, Need
-from gateway.web.front.problems import Handler
-from gateway.web.pages.renderer import Renderer
+from gateway.web.access.guard import VISITOR
+from gateway.web.pages.page import Page, route
 
 #: This many clients are shown, those first that asked last, and this many requests without a right.
 MOST_CLIENTS: Final = 200
@@ -29,17 +27,10 @@ _NUMBER: Final = re.compile(r"[0-9]{1,5}")
 _FIELDS: Final = ("from", "listener", "role", "unit", "function", "address")
 
 
-class ClientsPage:
+class ClientsPage(Page):
     """The handler of `/clients`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer) -> None:
-        self._operator = operator
-        self._renderer = renderer
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/clients", self.show, "page")]
-
+    @route("GET", "/clients")
     async def show(self, request: web.Request) -> web.Response:
         """Show clients and rights; the address has the fields of the form."""
         asked = {name: request.query.get(name, "").strip() for name in _FIELDS}

@@ -5,46 +5,60 @@ from shlex import quote
 
 from aiohttp import web
 
+from gateway.clock.threads import in_thread
+from gateway.operator.config.applied import AppliedViewer
 from gateway.operator.config.reload import reload
 from gateway.operator.config.view import ConfigView, ConfigViewer
 from gateway.operator.operations.operation import Nothing
-from gateway.operator.operator import Operator
-from gateway.web.access.guard import Need
+from gateway.web.access.guard import VISITOR
 from gateway.web.api.asking import asker_of
-from gateway.web.front.problems import Handler
+from gateway.web.front.problems import ProblemError
 from gateway.web.front.turns import Turns
-from gateway.web.pages.applied import AppliedPage
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.page import Page, Shown, route
 from gateway.web.pages.times import day_and_time
 
 
-class ConfigPage:
+class ConfigPage(Page):
     """The handlers of `/config`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer, applied: AppliedPage) -> None:
-        self._operator = operator
+    def __init__(self, shown: Shown) -> None:
+        super().__init__(shown)
+        operator = shown.operator
         self._viewer = ConfigViewer(operator.running, operator.reloader, operator.clock)
-        self._renderer = renderer
-        self._applied = applied
+        self._applied = AppliedViewer(operator.reloader)
         self._turns = Turns()
 
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/config", self.show, "page"), ("POST", "/config/reload", self.reload, "operator")]
-
+    @route("GET", "/config")
     async def show(self, request: web.Request) -> web.Response:
         """Show what is in use, what the file says now, and the outcome of the last reload."""
         async with self._turns.turn(request):
             config = await self._viewer.view()
+            applied = await in_thread("web config", self._applied.rows)
         return await self._renderer.page(
             "config.html",
             request,
             config=config,
             commands=_commands(config),
             reloaded_at=day_and_time(config.at) if config.at else "",
-            applied=await self._applied.rows(request),
+            applied=[(each, day_and_time(each.at.timestamp())) for each in applied],
         )
 
+    @route("GET", "/config/applied/{name}")
+    async def show_applied(self, request: web.Request) -> web.Response:
+        """Show a config that was in use before.
+
+        Raises:
+            ProblemError: 403, whoever asks is no operator; 404, it is not kept any more.
+        """
+        if request[VISITOR].role != "operator":
+            raise ProblemError(403, "configs that were in use before are shown to operators")
+        async with self._turns.turn(request):
+            view = await in_thread("web config", self._applied.view, request.match_info["name"])
+        if view is None:
+            raise ProblemError(404, "this config is not kept any more: the last ten are")
+        return await self._renderer.page("applied.html", request, view=view, at=day_and_time(view.at.timestamp()))
+
+    @route("POST", "/config/reload", "operator")
     async def reload(self, request: web.Request) -> web.Response:
         """Read the file again; the page shows the outcome.
 

@@ -1,44 +1,29 @@
 """The page where a change of the config is prepared: it checks a text, and writes nothing."""
 
-import asyncio
 from collections.abc import Sequence
 
 from aiohttp import web
 
-from gateway.clock.threads import ThreadPerCall
+from gateway.clock.threads import in_thread
 from gateway.config.reading.comparing import shown
 from gateway.operator.config.check import check_config
 from gateway.operator.operations.answers.config import CheckedConfig
 from gateway.operator.operations.asked import TextToCheck
-from gateway.operator.operator import Operator
-from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of
 from gateway.web.front.bodies import FORM
-from gateway.web.front.problems import Handler
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.page import Page, route
 
 
-class ConfigChangePage:
+class ConfigChangePage(Page):
     """The handlers of `/config/change`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer) -> None:
-        self._operator = operator
-        self._renderer = renderer
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [
-            ("GET", "/config/change", self.begin, "page"),
-            ("POST", "/config/change", self.check, "operator"),
-            ("POST", "/config/change/text", self.download, "operator"),
-        ]
-
+    @route("GET", "/config/change")
     async def begin(self, request: web.Request) -> web.Response:
         """Show the form, with the config in use as far as it may be shown."""
-        loop = asyncio.get_running_loop()
-        text = await loop.run_in_executor(ThreadPerCall("web config"), shown, self._operator.reloader.text)
+        text = await in_thread("web config", shown, self._operator.reloader.text)
         return await self._page(request, text, None)
 
+    @route("POST", "/config/change", "operator")
     async def check(self, request: web.Request) -> web.Response:
         """Check the text of the form, and show it again, unless the form has `only_result`.
 
@@ -50,6 +35,7 @@ class ConfigChangePage:
         checked = await check_config(self._operator, TextToCheck(text), asker_of(request))
         return await self._page(request, "" if "only_result" in form else text, checked, text.split("\n"))
 
+    @route("POST", "/config/change/text", "operator")
     async def download(self, request: web.Request) -> web.Response:
         """Return the text of the form as a file, with the name of the config."""
         name = self._operator.reloader.file.name

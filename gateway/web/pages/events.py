@@ -1,6 +1,6 @@
 """The page of the events: what is still wrong, since when, and what has happened, as selected by the address."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 from urllib.parse import urlencode
 
@@ -22,10 +22,8 @@ from gateway.operator.past.events import last_events
 from gateway.operator.status.unit_states import is_failing
 from gateway.operator.units.units import names, units_of
 from gateway.timing.history import STEP, Slot
-from gateway.web.access.guard import Need
-from gateway.web.front.problems import Handler
-from gateway.web.pages.renderer import Renderer
-from gateway.web.pages.situation import Situation, Situations
+from gateway.web.pages.page import Page, route
+from gateway.web.pages.situation import Situation
 from gateway.web.pages.times import day_and_time
 from gateway.web.pages.traffic import choice
 
@@ -37,18 +35,10 @@ PERIODS: Final = ("1h", "24h", "168h")
 _LOOKS: Final = {"info": "not-asked", "warning": "failing", "error": "down"}
 
 
-class EventsPage:
+class EventsPage(Page):
     """The handler of `/events`."""
 
-    def __init__(self, operator: Operator, situations: Situations, renderer: Renderer) -> None:
-        self._operator = operator
-        self._situations = situations
-        self._renderer = renderer
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/events", self.show, "page")]
-
+    @route("GET", "/events")
     async def show(self, request: web.Request) -> web.Response:
         """Show what is wrong, and the last events that the address selects."""
         chosen = {name: text for name in CHOICES if (text := request.query.get(name, "").strip())}

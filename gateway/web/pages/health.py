@@ -7,10 +7,9 @@ from typing import Final
 from aiohttp import web
 
 from gateway.diagnosis.finding import Finding
-from gateway.tools.examinations import Examinations, Report
-from gateway.web.access.guard import VISITOR, Need
-from gateway.web.front.problems import Handler
-from gateway.web.pages.renderer import Renderer
+from gateway.tools.examinations import Report
+from gateway.web.access.guard import VISITOR
+from gateway.web.pages.page import Page, route
 from gateway.web.pages.times import day_and_time
 
 #: What a user types literally: commands, and keys of the config with their values.
@@ -20,21 +19,15 @@ _TYPED: Final = re.compile(
 )
 
 
-class HealthPage:
+class HealthPage(Page):
     """The handlers of `/health`."""
 
-    def __init__(self, doctor: Examinations, renderer: Renderer) -> None:
-        self._doctor = doctor
-        self._renderer = renderer
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/health", self.show, "page"), ("POST", "/health", self.examine, "operator")]
-
+    @route("GET", "/health")
     async def show(self, request: web.Request) -> web.Response:
         """Show what was measured, and what devices answered when they were last asked."""
         return await self._page(request)
 
+    @route("POST", "/health", "operator")
     async def examine(self, request: web.Request) -> web.Response:
         """Start an examination that asks devices too."""
         why_not = self._doctor.start(request[VISITOR].user)

@@ -15,7 +15,6 @@ from gateway.operator.images.grid import COLUMNS, MOST, grid_of
 from gateway.operator.images.kept import ImageWindow, window
 from gateway.operator.images.map_lines import MapLine, map_lines
 from gateway.operator.operations.answers.unit import UnitPicture
-from gateway.operator.operator import Operator
 from gateway.operator.status.status import part_of_unit
 from gateway.operator.units.reached import image_of, readable_for
 from gateway.operator.units.units import points_within, units_of
@@ -24,32 +23,23 @@ from gateway.profiles.point import NO_VALUE, Point
 from gateway.profiles.profile import Range
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
 from gateway.registers.items import has_bits
-from gateway.web.access.guard import VISITOR, Need
+from gateway.web.access.guard import VISITOR
 from gateway.web.api.asking import asker_of, unit_in
-from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.front.problems import ProblemError
 from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
+from gateway.web.pages.page import Page, route
 from gateway.web.pages.points import points_shown
-from gateway.web.pages.renderer import Renderer
-from gateway.web.pages.writing import WriteRights
 
 _FIRST_SHOWN: Final = (Area.HOLDING, Area.INPUT, Area.COILS, Area.DISCRETE)
 #: This many writes are listed.
 _MOST_WRITES: Final = 20
 
 
-class ImagePage:
+class ImagePage(Page):
     """The handler of `/images/NAME`. NAME is a name or a number."""
 
-    def __init__(self, operator: Operator, renderer: Renderer, rights: WriteRights) -> None:
-        self._operator = operator
-        self._renderer = renderer
-        self._rights = rights
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/images/{unit}", self.show, "page")]
-
+    @route("GET", "/images/{unit}")
     async def show(self, request: web.Request) -> web.Response:
         """Show some addresses of one area. The address names `area`, `from`, `type` and `swap`.
 

@@ -9,7 +9,6 @@ from aiohttp import web
 from gateway.errors import WrongQuestion
 from gateway.operator.operations.answers.trace import Fact
 from gateway.operator.operations.asked import Traced
-from gateway.operator.operator import Operator
 from gateway.operator.past.past import past_of
 from gateway.operator.status.status import recent_status
 from gateway.operator.status.unit_states import lines_down, states_of
@@ -17,13 +16,13 @@ from gateway.operator.trace.meanings import points_of
 from gateway.operator.trace.reader import latest
 from gateway.operator.units.units import units_of
 from gateway.timing.history import UNIT_SLOTS
-from gateway.web.access.guard import VISITOR, Need
-from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.access.guard import VISITOR
+from gateway.web.front.problems import ProblemError
 from gateway.web.pages.busy import busy_outline, hours
 from gateway.web.pages.function_names import function_name
-from gateway.web.pages.heat_map import HeatMap, ShownUnits, axis
+from gateway.web.pages.heat_map import ShownUnits, axis
 from gateway.web.pages.line_past import SPANS, drawn, past_for
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.page import Page, route
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.pages.transactions import asked, outcome, row
 
@@ -32,18 +31,10 @@ MOST_FACTS: Final = 20
 _LOOKED_AT: Final = 5 * MOST_FACTS
 
 
-class LinePage:
+class LinePage(Page):
     """The handler of `/lines/NAME`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer, heat_map: HeatMap) -> None:
-        self._operator = operator
-        self._renderer = renderer
-        self._heat_map = heat_map
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/lines/{name}", self.show, "page")]
-
+    @route("GET", "/lines/{name}")
     async def show(self, request: web.Request) -> web.Response:
         """Show one line or upstream.
 

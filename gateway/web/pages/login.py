@@ -1,66 +1,58 @@
 """Login and logout."""
 
 import asyncio
-from collections.abc import Sequence
 from math import ceil
 from typing import Final
 
 from aiohttp import web
 
-from gateway.clock.threads import ThreadPerCall
-from gateway.events import Emit, WebLogin, WebLoginFailed
+from gateway.clock.threads import in_thread
+from gateway.events import WebLogin, WebLoginFailed
 from gateway.listeners.share_keys import ShareKeys
 from gateway.readconfig.page_users import LONGEST_PASSWORD, is_password
-from gateway.web.access.guard import VISITOR, Guard, Need, Visitor
+from gateway.web.access.guard import VISITOR, Guard, Visitor
 from gateway.web.access.sessions import LONGEST_SESSION, Attempts, Sessions
 from gateway.web.access.user_table import UserTable
 from gateway.web.api.operations import json_of
 from gateway.web.api.session import session_of
-from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.front.problems import ProblemError
 from gateway.web.front.settings import WebSettings
 from gateway.web.pages.addresses import see_other
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.page import Page, Shown, route
 from gateway.web.text.words import N_
 
 #: Logins that wait at a time: each of them takes some tenths of a second of one processor.
 MOST_LOGINS: Final = 8
 
 
-class LoginPage:
+class LoginPage(Page):
     """The handlers of `/login` and `/logout`."""
 
     def __init__(
         self,
+        shown: Shown,
         settings: WebSettings,
-        emit: Emit,
         guard: Guard,
         table: UserTable,
         sessions: Sessions,
-        renderer: Renderer,
     ) -> None:
+        super().__init__(shown)
         self._settings = settings
-        self._emit = emit
+        self._emit = shown.operator.running.emit
         self._guard = guard
         self._table = table
         self._sessions = sessions
-        self._renderer = renderer
         self._attempts = Attempts()
         self._share_keys = ShareKeys()
         self._logins = 0
         self._one_login_at_a_time = asyncio.Lock()
 
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [
-            ("GET", "/login", self.login_page, "nothing"),
-            ("POST", "/login", self.login, "nothing"),
-            ("POST", "/logout", self.logout, "login"),
-        ]
-
+    @route("GET", "/login", "nothing")
     async def login_page(self, request: web.Request) -> web.Response:
         """Show the form."""
         return await self._login_page(request)
 
+    @route("POST", "/login", "nothing")
     async def login(self, request: web.Request) -> web.Response:
         """Log in with the fields `user` and `password`. Programs that accept JSON get the session."""
         form, now = await request.post(), asyncio.get_running_loop().time
@@ -104,6 +96,7 @@ class LoginPage:
         )
         return response
 
+    @route("POST", "/logout", "login")
     async def logout(self, request: web.Request) -> web.Response:
         """End the session."""
         visitor = request[VISITOR]
@@ -116,11 +109,10 @@ class LoginPage:
 
     async def _is_password(self, address: str, name: str, password: str) -> bool:
         """Check the password; return False without that if other attempts have failed while this one waited."""
-        loop = asyncio.get_running_loop()
-        user = self._table.users.get(name)
-        if len(password) > LONGEST_PASSWORD or self._attempts.wait(address, user, loop.time()):
+        user, now = self._table.users.get(name), asyncio.get_running_loop().time()
+        if len(password) > LONGEST_PASSWORD or self._attempts.wait(address, user, now):
             return False
-        return await loop.run_in_executor(ThreadPerCall("web login"), is_password, password, user)
+        return await in_thread("web login", is_password, password, user)
 
     async def _refused(self, request: web.Request, status: int, why: str, wait: int = 0) -> web.Response:
         headers = {"Retry-After": str(wait)} if wait else {}

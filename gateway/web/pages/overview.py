@@ -9,18 +9,14 @@ from aiohttp import web
 
 from gateway.operator.operations.answers.status import Status, UnitStatus
 from gateway.operator.operations.answers.trouble import worst_first
-from gateway.operator.operator import Operator
 from gateway.operator.status.unit_states import ShownState
 from gateway.operator.units.units import units_of
 from gateway.timing.history import Past
-from gateway.web.access.guard import Need
-from gateway.web.front.problems import Handler
 from gateway.web.pages.busy import busy_outline
 from gateway.web.pages.health import counted
-from gateway.web.pages.heat_map import HeatMap, HeatRow, ShownUnits, axis
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.heat_map import HeatRow, ShownUnits, axis
+from gateway.web.pages.page import Page, route
 from gateway.web.pages.shown_lines import ShownLine, shown_lines
-from gateway.web.pages.situation import Situations
 from gateway.web.pages.tiles import tiles_of
 
 #: With more units than this, those not asked in the last day are not listed: a line may pass all through.
@@ -33,19 +29,10 @@ _SOME_LOST: Final = 2
 _FINE: Final = 3
 
 
-class OverviewPage:
+class OverviewPage(Page):
     """The handler of `/`."""
 
-    def __init__(self, operator: Operator, situations: Situations, renderer: Renderer, heat_map: HeatMap) -> None:
-        self._operator = operator
-        self._situations = situations
-        self._renderer = renderer
-        self._heat_map = heat_map
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/", self.show, "page")]
-
+    @route("GET", "/")
     async def show(self, request: web.Request) -> web.Response:
         """Show the state of everything."""
         seen = await self._situations.now()

@@ -20,7 +20,7 @@ from gateway.profiles.point import NO_VALUE, Point
 from gateway.registers.items import reference
 from gateway.web.access.guard import VISITOR
 from gateway.web.api.asking import asker_of
-from gateway.web.pages.writing import WriteRights
+from gateway.web.pages.write_rights import WriteRights
 
 
 @dataclass(frozen=True, slots=True)

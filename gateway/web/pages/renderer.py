@@ -1,22 +1,20 @@
 """Makes pages from templates."""
 
-import asyncio
 import gzip
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import CodeType
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from aiohttp import web
 from jinja2 import BytecodeCache, Environment, FileSystemLoader, StrictUndefined
 from jinja2.bccache import Bucket
 
+from gateway.clock import threads
 from gateway.clock.slices import with_rests
-from gateway.clock.threads import ThreadPerCall
 from gateway.config.values.unitset import show_units
 from gateway.version import DOCUMENTATION, __version__
-from gateway.web.access.guard import VISITOR, Need
-from gateway.web.front.problems import Handler
+from gateway.web.access.guard import VISITOR
 from gateway.web.front.turns import Turns
 from gateway.web.pages.assets import Assets
 from gateway.web.pages.head import Heads
@@ -45,13 +43,6 @@ class _Compiled(BytecodeCache):
 
 
 _COMPILED: Final = _Compiled()
-
-
-class Page(Protocol):
-    """A page, or some that belong together."""
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
 
 
 class Renderer:
@@ -110,13 +101,13 @@ class Renderer:
         *,
         is_packed: bool,
     ) -> bytes:
-        templates, loop = self._templates[language.code], asyncio.get_running_loop()
+        templates = self._templates[language.code]
 
         def make() -> bytes:
             text = "".join(with_rests(templates.get_template(template).generate({**content, **in_thread()}))).encode()
             return gzip.compress(text, _PACKING) if is_packed else text
 
-        return await loop.run_in_executor(ThreadPerCall("web page"), make)
+        return await threads.in_thread("web page", make)
 
 
 def _templates(language: Language, assets: Assets) -> Environment:

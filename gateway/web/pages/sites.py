@@ -6,33 +6,22 @@ from typing import Final
 
 from aiohttp import web
 
-from gateway.clock.threads import ThreadPerCall
 from gateway.errors import FleetError
 from gateway.fleet.status import SiteStatus
 from gateway.operator.fleet.sites import days_left, is_fine, summary_of, to_fix, today
 from gateway.operator.fleet.sites_csv import sites_as_csv
-from gateway.operator.operator import Operator
 from gateway.tls.status import EARLY
-from gateway.web.access.guard import Need
-from gateway.web.front.problems import Handler
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.page import Page, csv_file, route
 
 #: How long NATS may take to list the sites, and how old the list may be, in seconds: a site renews its entry as often.
 _PATIENCE: Final = 5.0
 KEPT: Final = 10.0
 
 
-class SitesPage:
+class SitesPage(Page):
     """The handlers of `/sites` and `/sites.csv`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer) -> None:
-        self._operator = operator
-        self._renderer = renderer
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/sites", self.show, "page"), ("GET", "/sites.csv", self.download, "page")]
-
+    @route("GET", "/sites")
     async def show(self, request: web.Request) -> web.Response:
         """Show all sites, those first that are not fine; above them all that is known of the `site` in the address."""
         sites, why = await self._sites()
@@ -48,8 +37,9 @@ class SitesPage:
             soon=EARLY,
         )
 
+    @route("GET", "/sites.csv")
     async def download(self, request: web.Request) -> web.Response:  # noqa: ARG002 - a handler
-        """Send all sites as CSV, with a mark by which spreadsheets know that it is UTF-8.
+        """Send all sites as CSV.
 
         Raises:
             HTTPServiceUnavailable: they are not known.
@@ -57,10 +47,7 @@ class SitesPage:
         sites, why = await self._sites()
         if why:
             raise web.HTTPServiceUnavailable(text=f"{why}\n")
-        call = asyncio.get_running_loop().run_in_executor
-        body = (await call(ThreadPerCall("web page"), sites_as_csv, sites)).encode("utf-8-sig")
-        headers = {"Content-Disposition": 'attachment; filename="sites.csv"', "Cache-Control": "no-store"}
-        return web.Response(body=body, content_type="text/csv", charset="utf-8", headers=headers)
+        return await csv_file("sites", lambda: sites_as_csv(sites))
 
     async def _sites(self) -> tuple[Sequence[SiteStatus], str]:
         """List the sites, or say why they are not known."""

@@ -12,17 +12,15 @@ from gateway.listeners.hosts import split_host
 from gateway.operator.operations.answers.trace import Fact
 from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.parameters import read_parameters
-from gateway.operator.operator import Operator
 from gateway.operator.status.status import recent_status
 from gateway.operator.trace.meanings import Points, points_of
 from gateway.operator.trace.reader import latest
 from gateway.operator.units.units import units_of
 from gateway.trace.pdus import FUNCTIONS
 from gateway.trace.records import RESULTS
-from gateway.web.access.guard import VISITOR, Need
+from gateway.web.access.guard import VISITOR
 from gateway.web.api.trace import RecordsToFollow
-from gateway.web.front.problems import Handler
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.page import Page, route
 from gateway.web.pages.shown_lines import shown_lines
 from gateway.web.pages.transactions import asked, outcome, row
 
@@ -33,17 +31,10 @@ CHOICES: Final = ("line", "unit", "function", "client", "result")
 _CAPTURED: Final = "300"
 
 
-class TrafficPage:
+class TrafficPage(Page):
     """The handler of `/traffic`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer) -> None:
-        self._operator = operator
-        self._renderer = renderer
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/traffic", self.show, "page")]
-
+    @route("GET", "/traffic")
     async def show(self, request: web.Request) -> web.Response:
         """Show the last transactions that the address selects."""
         chosen = {name: text for name in CHOICES if (text := request.query.get(name, "").strip())}

@@ -1,6 +1,6 @@
 """The page of a unit: its values, how fast it answers against its limit, what failed and why."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from shlex import quote
 from typing import Any, Final
 
@@ -12,7 +12,6 @@ from gateway.modbus.codes import Area
 from gateway.operator.images.kept import maps_of, mirrors_of
 from gateway.operator.operations.answers.status import Status, UnitStatus
 from gateway.operator.operations.answers.unit import UnitPicture
-from gateway.operator.operator import Operator
 from gateway.operator.past.past import past_of
 from gateway.operator.status.status import part_of_unit, recent_status
 from gateway.operator.status.unit_states import SLOTS, lines_down, rests_ms, states_of
@@ -26,18 +25,17 @@ from gateway.operator.values.steps import Outcome
 from gateway.operator.values.unit_values import read, values_at
 from gateway.profiles.point import NO_VALUE, Point
 from gateway.registers.datatypes import DATA_TYPES, SWAPS
-from gateway.web.access.guard import VISITOR, Need
+from gateway.web.access.guard import VISITOR
 from gateway.web.api.asking import asker_of, unit_in
-from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.front.problems import ProblemError
 from gateway.web.pages.addresses import path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
 from gateway.web.pages.histogram import plotted
+from gateway.web.pages.page import Page, route
 from gateway.web.pages.points import points_shown, reference_of
-from gateway.web.pages.renderer import Renderer
 from gateway.web.pages.times import day_and_time
 from gateway.web.pages.trend import trend_to_show
-from gateway.web.pages.writing import WriteRights
 
 #: Points are read at most once in this many seconds, by any number of readers.
 READ_EVERY: Final = 1.0
@@ -46,22 +44,10 @@ _USUAL: Final[Mapping[str, str]] = {"area": "holding", "start": "0", "count": "1
 _FAILED: Final = frozenset(RESULTS) - {"ok", "exception", "broadcast"}
 
 
-class UnitPage:
+class UnitPage(Page):
     """The handlers of `/units/NAME`. NAME is a name or a number."""
 
-    def __init__(self, operator: Operator, renderer: Renderer, rights: WriteRights) -> None:
-        self._operator = operator
-        self._renderer = renderer
-        self._rights = rights
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [
-            ("GET", "/units/{unit}", self.show, "page"),
-            ("POST", "/units/{unit}/points", self.read_points, "page"),
-            ("GET", "/units/{unit}/values", self.read_values, "page"),
-        ]
-
+    @route("GET", "/units/{unit}")
     async def show(self, request: web.Request) -> web.Response:
         """Show one unit on a line, behind another server or made in Python; all others are shown as images.
 
@@ -105,6 +91,7 @@ class UnitPage:
             **_form(_USUAL),
         )
 
+    @route("POST", "/units/{unit}/points")
     async def read_points(self, request: web.Request) -> web.Response:
         """Read all points, unless they were read within a second, and return to the page.
 
@@ -115,6 +102,7 @@ class UnitPage:
         await read_all(self._operator, unit, asker_of(request), READ_EVERY)
         return see_other(f"{path_of('units', unit)}#points")
 
+    @route("GET", "/units/{unit}/values")
     async def read_values(self, request: web.Request) -> web.Response:
         """Read what the form asks for; an exception of the unit is shown on the page.
 

@@ -13,19 +13,15 @@ from zlib import crc32
 from aiohttp import web
 
 from gateway.clock.slices import in_slices
-from gateway.clock.threads import ThreadPerCall
 from gateway.operator.operations.answers.known_values import KnownValue, ValueState
 from gateway.operator.operations.answers.unit import UnitPicture
 from gateway.operator.operations.operation import Asker
-from gateway.operator.operator import Operator
 from gateway.operator.values.known_values import Known, devices_with_points, known_points, state_of, told
 from gateway.operator.values.values_csv import values_as_csv
 from gateway.profiles.point import Point
-from gateway.web.access.guard import Need
 from gateway.web.api.asking import asker_of
-from gateway.web.front.problems import Handler
 from gateway.web.pages.addresses import path_of
-from gateway.web.pages.renderer import Renderer
+from gateway.web.pages.page import Page, csv_file, route
 from gateway.web.pages.sparkline import Sparkline, Sparklines, sparklines
 
 #: So many points are shown at first, of the smallest devices; and of those that the address opens.
@@ -128,17 +124,10 @@ class Row(NamedTuple):
     trend: Sparkline | None
 
 
-class ValuesPage:
+class ValuesPage(Page):
     """The handlers of `/values` and `/values.csv`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer) -> None:
-        self._operator = operator
-        self._renderer = renderer
-
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [("GET", "/values", self.show, "page"), ("GET", "/values.csv", self.download, "page")]
-
+    @route("GET", "/values")
     async def show(self, request: web.Request) -> web.Response:
         """Show the values that the address selects, of those that the visitor may read."""
         wanted, now = Wanted.of(request.query), asyncio.get_running_loop().time()
@@ -153,20 +142,15 @@ class ValuesPage:
             has_points=bool(devices_with_points(self._operator)),
         )
 
+    @route("GET", "/values.csv")
     async def download(self, request: web.Request) -> web.Response:
-        """Send the values that the address selects as CSV, with a mark by which spreadsheets know that it is UTF-8."""
+        """Send the values that the address selects as CSV."""
         wanted, now, day = Wanted.of(request.query), asyncio.get_running_loop().time(), time.time()
         found = await self._found(wanted, asker_of(request), now)
         values: list[KnownValue] = await in_slices(
             told(each.unit, known, now, day) for each in found for known in each.known
         )
-
-        def written() -> bytes:
-            return values_as_csv(values).encode("utf-8-sig")
-
-        body = await asyncio.get_running_loop().run_in_executor(ThreadPerCall("web page"), written)
-        headers = {"Content-Disposition": 'attachment; filename="values.csv"', "Cache-Control": "no-store"}
-        return web.Response(body=body, content_type="text/csv", charset="utf-8", headers=headers)
+        return await csv_file("values", lambda: values_as_csv(values))
 
     async def _found(self, wanted: Wanted, asker: Asker, now: float) -> list[Found]:
         """Find the points, by device, with pauses for the lines."""

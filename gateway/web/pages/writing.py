@@ -5,10 +5,10 @@ is answered once. All pages are answers to GET, so that reloading one sends noth
 """
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from aiohttp import web
 
@@ -16,7 +16,6 @@ from gateway.errors import DoesNotFit, ExceptionCode, WrongQuestion
 from gateway.modbus.codes import Area
 from gateway.modbus.pdu import Span
 from gateway.operator.operations.answers.unit import UnitPicture
-from gateway.operator.operator import Operator
 from gateway.operator.status.status import recent_status
 from gateway.operator.status.unit_states import rests_ms
 from gateway.operator.units.reached import target
@@ -28,19 +27,18 @@ from gateway.operator.values.steps import Failure, writing
 from gateway.operator.values.unit_values import assigned, carried_out, point_named, read, values_at
 from gateway.profiles.point import Point
 from gateway.profiles.profile import width_at
-from gateway.profiles.writing import Write, writes_of
+from gateway.profiles.writing import Write
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import REGISTER, WRITERS, reference
-from gateway.routing.access import right_to
-from gateway.web.access.guard import VISITOR, Need, Visitor
+from gateway.web.access.guard import VISITOR, Visitor
 from gateway.web.api.asking import asker_for, asker_of, unit_in
-from gateway.web.front.problems import Handler, ProblemError
+from gateway.web.front.problems import ProblemError
 from gateway.web.front.turns import is_there
 from gateway.web.pages.addresses import page_of, path_of, see_other
 from gateway.web.pages.fields import whole
 from gateway.web.pages.function_names import function_name
+from gateway.web.pages.page import Page, Shown, route
 from gateway.web.pages.questions import PATIENCE, Question, Questions, Result
-from gateway.web.pages.renderer import Renderer
 
 #: If a user confirms a write and closes the page at once, the write is still sent within this time, in seconds.
 GRACE: Final = 2.0
@@ -54,63 +52,14 @@ _CHANGED: Final = "the config has changed since this was asked: nothing was sent
 _Why = Complaint | str | None
 
 
-@dataclass(frozen=True, slots=True)
-class Writable:
-    """Where a visitor may write at a unit, if `permits` allows the request; `could`: an operator might write there."""
-
-    areas: tuple[Area, ...]
-    could: bool
-    permits: Callable[[bytes], bool]
-
-    def takes(self, point: Point) -> bool:
-        """Return whether this point can be written."""
-        is_possible = point.write != "no" and point.write_span.area in self.areas
-        return is_possible and any(map(self.permits, writes_of(point)))
-
-    def as_content(self) -> dict[str, Any]:
-        """Return it for templates."""
-        return {"writable_areas": self.areas, "operators_may_write": self.could, "can_write": self.takes}
-
-
-class WriteRights:
-    """Rights to write: those of operators, if `[web]` allows writes, within [[access]] and the unit's profile."""
-
-    def __init__(self, operator: Operator, *, may_write: bool) -> None:
-        self._operator = operator
-        self.may_write = may_write
-
-    def of(self, unit: UnitPicture, visitor: Visitor) -> Writable:
-        """Return what this visitor may write."""
-        rights, host = self._operator.router("web").rights, visitor.host
-        possible = rights.somewhere(host, unit.key)
-        if unit.functions is not None:
-            possible &= right_to(unit.functions)
-        areas = tuple(area for area, functions in WRITERS.items() if not possible.isdisjoint(right_to(functions[:2])))
-        is_operator = visitor.role == "operator"
-        return Writable(
-            areas if self.may_write and is_operator else (),
-            self.may_write and bool(areas),
-            lambda pdu: rights.permits(host, unit.key, pdu),
-        )
-
-
-class WritePages:
+class WritePages(Page):
     """The handlers of `/units/NAME/writes`."""
 
-    def __init__(self, operator: Operator, renderer: Renderer, rights: WriteRights) -> None:
-        self._operator = operator
-        self._renderer = renderer
-        self._rights = rights
+    def __init__(self, shown: Shown) -> None:
+        super().__init__(shown)
         self._questions = Questions()
 
-    def routes(self) -> Sequence[tuple[str, str, Handler, Need]]:
-        """List the routes: method, path, handler, and what it needs."""
-        return [
-            ("POST", "/units/{unit}/writes", self.ask, "operator"),
-            ("GET", "/units/{unit}/writes/{id}", self.show, "page"),
-            ("POST", "/units/{unit}/writes/{id}", self.confirm, "operator"),
-        ]
-
+    @route("POST", "/units/{unit}/writes", "operator")
     async def ask(self, request: web.Request) -> web.Response:
         """Take the form: the value of a point, or values from an address on. Nothing is written yet.
 
@@ -140,6 +89,7 @@ class WritePages:
             where = f"{write.span.area} {write.span.addresses}"
             raise ProblemError(403, f"[[access]] does not let {visitor.client} write {where}", exception=1)
 
+    @route("GET", "/units/{unit}/writes/{id}")
     async def show(self, request: web.Request) -> web.Response:
         """Show old and new values with the question, or its result."""
         question = self._question(request)
@@ -163,6 +113,7 @@ class WritePages:
             rests_ms=rests_ms(unit, await recent_status(self._operator)),
         )
 
+    @route("POST", "/units/{unit}/writes/{id}", "operator")
     async def confirm(self, request: web.Request) -> web.Response:
         """Send it, unless it was sent already; a second request waits for the result of the first."""
         question = self._question(request)
