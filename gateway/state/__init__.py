@@ -5,5 +5,5 @@
 - database, row_file     SQLite with a sum for each row; what is in memory, written to it once a minute
 - applied_configs    the last configs that were in use
 - files        how files are opened, locked and replaced
-- troubles, status    files and folders that cannot be written
+- file_trouble, troubles, status    files and folders that cannot be written
 """

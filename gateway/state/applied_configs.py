@@ -22,7 +22,8 @@ from pathlib import Path
 from threading import Lock
 from typing import Final
 
-from gateway.events import Emit, StateKeptAgain, StateNotKept
+from gateway.events import Emit
+from gateway.state.file_trouble import FileTrouble
 
 FOLDER: Final = "configs"
 #: The folder of the own profiles that a config uses, as beside the config itself.
@@ -58,9 +59,8 @@ class AppliedConfigs:
     def __init__(self, state: Path, file_name: str, emit: Emit, clock: Callable[[], float] = time.time) -> None:
         self.folder = state / FOLDER
         self._file_name = file_name
-        self._emit = emit
         self._clock = clock
-        self._fails = False
+        self._trouble = FileTrouble(self.folder, emit)
         self._turn = Lock()
 
     def keep(self, text: str, profiles: Mapping[str, str]) -> None:
@@ -69,13 +69,9 @@ class AppliedConfigs:
             with self._turn:
                 self._keep(text, profiles)
         except OSError as error:
-            if not self._fails:
-                self._emit(StateNotKept(str(self.folder), error.strerror or str(error)))
-            self._fails = True
-            return
-        if self._fails:
-            self._emit(StateKeptAgain(str(self.folder)))
-        self._fails = False
+            self._trouble.tell(error.strerror or str(error))
+        else:
+            self._trouble.tell("")
 
     def names(self) -> list[str]:
         """List the names of all, the newest first; none of a folder that cannot be read."""

@@ -17,8 +17,9 @@ from threading import Condition, Thread
 from typing import Any, Final, NamedTuple
 from zlib import crc32
 
-from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.events import Emit, StateDamaged
 from gateway.state import files
+from gateway.state.file_trouble import FileTrouble
 
 #: How long `close` waits for a change to be written, in seconds from the change: files that were changed together are
 #: waited for together.
@@ -58,7 +59,7 @@ class EntryFile:
         self._changes: Entries = {}
         self._changed_at = 0.0
         self._writer: Thread | None = None
-        self._fails = False
+        self._trouble = FileTrouble(file, emit)
         self._closing = False
         #: Whether the damaged file, which is still there, has another name already.
         self._is_set_aside = False
@@ -90,24 +91,24 @@ class EntryFile:
     def close(self) -> None:
         """Wait until all changes are written, for CLOSING_DEADLINE at most. Failed ones are tried once more."""
         with self._guard:
-            writer, since = self._writer, time.monotonic() if self._fails else self._changed_at
+            writer, since = self._writer, time.monotonic() if self._trouble.reason else self._changed_at
             self._closing = True
             self._guard.notify()
         if writer is not None:
             writer.join(max(0.0, since + CLOSING_DEADLINE - time.monotonic()))
             if writer.is_alive():
-                self._failed("the disk takes too long")
+                self._trouble.tell("the disk takes too long")
 
     def _write(self) -> None:
         while changes := self._next():
             try:
                 self._replace(changes)
             except Exception as error:  # noqa: BLE001 - the writer must survive for later changes
-                self._failed(getattr(error, "strerror", None) or str(error))
+                self._trouble.tell(getattr(error, "strerror", None) or str(error))
                 if not self._may_try_again(changes):
                     return
             else:
-                self._succeeded()
+                self._trouble.tell("")
 
     def _next(self) -> Entries:
         with self._guard:
@@ -167,16 +168,6 @@ class EntryFile:
             self.file.rename(aside)
         left = f"{len(content.entries)} entries could be read"
         self._emit(StateDamaged(str(self.file), f"{content.damage}; {left}; it is now {aside}"))
-
-    def _failed(self, reason: str) -> None:
-        if not self._fails:
-            self._emit(StateNotKept(str(self.file), reason))
-        self._fails = True
-
-    def _succeeded(self) -> None:
-        if self._fails:
-            self._emit(StateKeptAgain(str(self.file)))
-        self._fails = False
 
 
 def read_content(file: Path, is_entry: IsEntry) -> Content:

@@ -15,8 +15,9 @@ from zlib import crc32
 from gateway.clock.beside import Work, beside, guarded
 from gateway.clock.threads import in_thread
 from gateway.errors import StateError
-from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.events import Emit, StateDamaged
 from gateway.state.database import Database, Opened, Row, Table, is_damage, open_table
+from gateway.state.file_trouble import FileTrouble
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -104,7 +105,7 @@ class RowFile(Generic[E]):
         #: While it is being opened, and if that was cancelled.
         self._opening: asyncio.Future[Opened] | None = None
         self._was_read = False
-        self._fails = False
+        self._tell = FileTrouble(file, emit).tell
 
     async def keep_writing(self) -> None:
         """Read the file, and write changes from time to time, until cancelled."""
@@ -210,13 +211,6 @@ class RowFile(Generic[E]):
             sqlite3.Error: the disk is full or fails.
         """
         database.write([self._row(each) for each in changes.written], [(number,) for number in changes.gone])
-
-    def _tell(self, trouble: str) -> None:
-        if trouble and not self._fails:
-            self._emit(StateNotKept(str(self._file), trouble))
-        if self._fails and not trouble:
-            self._emit(StateKeptAgain(str(self._file)))
-        self._fails = bool(trouble)
 
     async def _in_thread(self, call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         return await in_thread(self._table.name, call, *args, **kwargs)

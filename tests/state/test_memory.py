@@ -87,10 +87,9 @@ def test_what_root_keeps_in_somebody_elses_folder_is_theirs(tmp_path: Path) -> N
 
 
 def test_a_file_that_cannot_be_written_is_told_and_the_value_holds_for_this_run(tmp_path: Path) -> None:
-    (tmp_path / "folder").write_text("a file where a folder is wanted")
     events: list[Event] = []
-    memory = StateFile(tmp_path, events.append)
-    memory._shared.file = tmp_path / "folder" / FILE_NAME
+    memory = StateFile(tmp_path / "folder", events.append)
+    (tmp_path / "folder").write_text("a file where a folder is wanted")
     memory.remember("hall-a", 9600, 19200)
     memory.close()
     assert events == [StateNotKept(str(tmp_path / "folder" / FILE_NAME), "File exists")]

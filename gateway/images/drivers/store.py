@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Final
 
 from gateway.clock.threads import ThreadPerCall
-from gateway.events import Emit, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.events import Emit, StateDamaged, StateNotKept
 from gateway.images.drivers.saved import LOG, SavedValues, Values, add, open_saved
 from gateway.images.persistent import Change, Done
 from gateway.modbus.codes import Area
+from gateway.state.file_trouble import FileTrouble
 
 #: Seconds between writes of `keep_soon` changes: the most that a crash loses.
 INTERVAL: Final = 1.0
@@ -51,7 +52,7 @@ class Store:
         self._next = _Batch()
         self._timer: asyncio.TimerHandle | None = None
         self._refuses = False
-        self._fails = False
+        self._trouble = FileTrouble(self._file, emit)
         self._is_closing = False
 
     @property
@@ -72,7 +73,7 @@ class Store:
         try:
             saved, self._kept, damage = open_saved(self._folder)
         except OSError as error:
-            self._tell(error)
+            self._trouble.tell(_reason(error))
             return
         if damage:
             count = sum(map(len, self._kept.values()))
@@ -80,9 +81,9 @@ class Store:
         try:
             saved.write({}, self._kept)
         except OSError as error:
-            self._tell(error)
+            self._trouble.tell(_reason(error))
         else:
-            self._tell(None)
+            self._trouble.tell("")
         self._saved = saved
 
     def values(self, image: str) -> Mapping[Area, Mapping[int, int]]:
@@ -104,7 +105,7 @@ class Store:
 
         While the disk fails, changes are acknowledged only after they are saved.
         """
-        if self._fails:
+        if self._trouble.reason:
             self.keep_at_once(change, done)
             return
         add(self._next.values, _values(change))
@@ -167,10 +168,11 @@ class Store:
     def _written(self, batch: _Batch, writing: asyncio.Future[None]) -> None:
         self._batch = None
         error = writing.exception()
-        self._tell(error)
         if error is not None:
+            self._trouble.tell(_reason(error))
             self._refuse(batch)
             return
+        self._trouble.tell("")
         add(self._kept, batch.values)
         self._write()
         for done in batch.told:
@@ -189,14 +191,6 @@ class Store:
         finally:
             told.clear()
             self._refuses = False
-
-    def _tell(self, error: BaseException | None) -> None:
-        """Log a failure when it begins and when it ends."""
-        if error is not None and not self._fails:
-            self._emit(StateNotKept(self._file, _reason(error)))
-        if error is None and self._fails:
-            self._emit(StateKeptAgain(self._file))
-        self._fails = error is not None
 
 
 def _values(change: Change) -> Values:

@@ -13,7 +13,7 @@ from gateway.clock.threads import in_thread
 from gateway.clock.times import rfc_3339
 from gateway.config.values.size import show_size
 from gateway.errors import StateError
-from gateway.events import Emit, PartFailed, StateDamaged, StateKeptAgain, StateNotKept
+from gateway.events import Emit, PartFailed, StateDamaged
 from gateway.plant.kept.backlog import MANY, MOST_IN_MEMORY, Backlog, Batch
 from gateway.plant.kept.file import KeptFile
 from gateway.plant.kept.given_up import GivenUp
@@ -22,6 +22,7 @@ from gateway.plant.kept.records import Chunk, Totals, Written
 from gateway.plant.messages import Readings
 from gateway.plant.status import KeptStatus
 from gateway.state.database import is_damage
+from gateway.state.file_trouble import FileTrouble
 from gateway.timing.clock_setting import ClockSetting
 
 FILE_NAME: Final = "mqtt-kept.sqlite"
@@ -58,7 +59,7 @@ class Keeper:
         self._given_up = GivenUp(emit, now)
         self._progress = Progress(emit, now)
         self._counted = 0
-        self._trouble = ""
+        self._trouble = FileTrouble(self._path, emit)
         self._must_load = self._is_closing = False
         self._wake = asyncio.Event()
         self._task = asyncio.create_task(self._run(), name="kept readings")
@@ -81,7 +82,7 @@ class Keeper:
             full_in_ms=None if full_in is None else 1000 * full_in,
             given_up=self._given_up.values,
             given_up_ms=None if given_up_ago is None else 1000 * given_up_ago,
-            trouble=self._trouble,
+            trouble=self._trouble.reason,
         )
 
     @property
@@ -111,7 +112,7 @@ class Keeper:
 
     def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
         """Return the next records to send; None if there are none at present: `ready` is called when there are."""
-        if self._path is not None and self._file is None and not self._trouble:
+        if self._path is not None and self._file is None and not self._trouble.reason:
             return None  # the file may have older ones
         batch = self._backlog.take(may_tell, room)
         if batch is None and self._backlog.must_load:
@@ -141,7 +142,7 @@ class Keeper:
         self._wake.set()
         _, hanging = await asyncio.wait([self._task], timeout=CLOSING_DEADLINE)
         if hanging:
-            self._tell("the disk takes too long")
+            self._trouble.tell("the disk takes too long")
         self._given_up.add(self._backlog.in_memory, "they could not be written at the end")
         self._given_up.tell(is_last=True)
 
@@ -185,7 +186,7 @@ class Keeper:
                 self._file, self._totals = None, Totals()
                 self._backlog.lost_file()
                 self._count_given_up("the file was damaged")
-            self._tell(str(error))
+            self._trouble.tell(str(error))
             self.ready()  # what is in memory can be sent
         except Exception as error:  # noqa: BLE001 - an error boundary: values are published all the same
             self._emit(PartFailed.of("kept readings", error))
@@ -209,7 +210,7 @@ class Keeper:
                 self._count_given_up(f"{show_size(self.most)} are full: the oldest go first")
                 self._progress.written(self._totals.size)
                 self._progress.left(self._values)
-        self._tell("")
+        self._trouble.tell("")
 
     async def _open(self, path: Path) -> KeptFile:
         file, damage = await in_thread(_THREAD, KeptFile.open, path, self.most)
@@ -233,13 +234,6 @@ class Keeper:
         self._backlog.load(await in_thread(_THREAD, self._file.after, after), after)
         self._count_given_up("the file was damaged")
         self.ready()
-
-    def _tell(self, trouble: str) -> None:
-        if trouble and not self._trouble:
-            self._emit(StateNotKept(str(self._path), trouble))
-        if self._trouble and not trouble:
-            self._emit(StateKeptAgain(str(self._path)))
-        self._trouble = trouble
 
 
 def _size(batch: Batch) -> int:
