@@ -5,7 +5,7 @@ import os
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from time import CLOCK_BOOTTIME, clock_gettime
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from gateway.errors import FleetError, PortError
 from gateway.events import Emit, LeaseLost, LeaseTaken
@@ -13,38 +13,16 @@ from gateway.fleet.lease import Lease, Read, StoreCall
 from gateway.fleet.lease_entry import State
 from gateway.fleet.lease_settings import LeaseSettings
 
+if TYPE_CHECKING:
+    from gateway.fleet.bucket import Bucket
+
 #: How long a port may take to close, and the store to take back a lease, in seconds.
 CLOSING_TIME: Final = 0.7
 RELEASE_TIME: Final = 0.5
 
 
-class Found(Protocol):
-    """An entry of a bucket."""
-
-    @property
-    def value(self) -> bytes | None:
-        """Its value; None if it was deleted."""
-
-    @property
-    def revision(self) -> int:
-        """Its revision, which changes with each write."""
-
-
-class Bucket(Protocol):
-    """The store of the leases. Each call raises FleetError if it may or may not have been carried out."""
-
-    async def get(self, key: str) -> Found | None:
-        """Read the entry; None if there is none."""
-
-    async def create(self, key: str, value: bytes) -> int | None:
-        """Write the first value. Return its revision, or None if there is an entry."""
-
-    async def update(self, key: str, value: bytes, revision: int) -> int | None:
-        """Replace the entry of this revision. Return the new revision, or None if the entry has changed."""
-
-
-#: Opens the bucket. Raises FleetError if the store cannot be reached.
-OpenBucket = Callable[[], Awaitable[Bucket]]
+#: Opens the bucket of the leases. Raises FleetError if the store cannot be reached.
+OpenBucket = Callable[[], Awaitable["Bucket"]]
 
 
 class SharedLine(Protocol):
@@ -153,8 +131,8 @@ class Standby:
         bucket, key = await self._bucket(), self.name
         if isinstance(question, Read):
             entry = await bucket.get(key)
-            value = None if entry is None else entry.value
-            self.lease.found(value, 0 if entry is None or value is None else entry.revision, _now())
+            value, seen = (None, 0) if entry is None else (entry.value, entry.revision)
+            self.lease.found(value, seen, _now())
             return
         if question.revision:
             revision = await bucket.update(key, question.value, question.revision)

@@ -4,7 +4,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Final, Protocol
+from typing import Final
 
 from gateway.errors import DoesNotFit
 from gateway.events import CommandRefused, Emit, WriteAudit
@@ -25,11 +25,8 @@ MOST_REMEMBERED: Final = 1000
 _CLOSED: Final = "the gateway stops, or takes up another config: send it again"
 
 
-class TakesResponses(Protocol):
-    """Takes the responses to requests of commands."""
-
-    def written(self, command: Command, request: Request, response: bytes | None) -> None:
-        """Take the response to a request of a command: the write, or the read of the scale before it."""
+#: Takes the response to a request of a command: the write, or the read of the scale before it.
+TakesResponse = Callable[[Command, Request, bytes | None], None]
 
 
 @dataclass(slots=True)
@@ -69,7 +66,7 @@ class Commands:
     def __init__(
         self,
         writes_to: Target,
-        responses_to: TakesResponses,
+        responses_to: TakesResponse,
         emit: Emit,
         clock: Callable[[], float],
         tell: Callable[[Command | Misdirected, str | None, float], None],
@@ -175,7 +172,7 @@ class _Writer(Origin):
     """The Origin of a command's requests, which are not sent after `until`."""
 
     def __init__(
-        self, responses_to: TakesResponses, command: Command, clock: Callable[[], float], until: float | None
+        self, responses_to: TakesResponse, command: Command, clock: Callable[[], float], until: float | None
     ) -> None:
         self.caller = CALLER
         self._responses_to = responses_to
@@ -189,7 +186,7 @@ class _Writer(Origin):
 
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Hand on the response."""
-        self._responses_to.written(self._command, request, pdu)
+        self._responses_to(self._command, request, pdu)
 
 
 def _audit(command: Command) -> WriteAudit:

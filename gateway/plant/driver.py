@@ -55,7 +55,7 @@ class PublisherDriver:
             settings,
             form,
             writes_to,
-            self,
+            self.written,
             emit,
             loop.time,
             lambda now: now + _ahead(unix, loop.time),
@@ -91,7 +91,7 @@ class PublisherDriver:
         """Take the response to a command's request. After a write its device is polled again at once."""
         if may_have_written(request.pdu, response):
             self._polls[command.device.name].wrote(parse_sent(request.pdu).write)
-        self._run(self.publisher.written, command, request, response, self.now())
+        self._run(self.publisher.commands.written, command, request, response, self.now())
 
     def received(self, delivery: Delivery) -> None:
         """Take a message that the broker has delivered."""

@@ -12,7 +12,7 @@ from typing import Final
 from gateway.events import Emit
 from gateway.plant.births import Births
 from gateway.plant.changes import Watch
-from gateway.plant.commands import CarriedOut, Commands, TakesResponses
+from gateway.plant.commands import CarriedOut, Commands, TakesResponse
 from gateway.plant.kept.history import History
 from gateway.plant.messages import (
     Command,
@@ -28,7 +28,7 @@ from gateway.plant.messages import (
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice
 from gateway.registers.datatypes import Value
-from gateway.request import Request, Target
+from gateway.request import Target
 
 #: The most results that wait to be published; for further ones the oldest are dropped.
 MOST_RESULTS: Final = 100
@@ -79,7 +79,7 @@ class Publisher:
         settings: PublisherSettings,
         form: Form,
         writes_to: Target,
-        responses_to: TakesResponses,
+        responses_to: TakesResponse,
         emit: Emit,
         clock: Callable[[], float],
         unix: Callable[[float], float],
@@ -327,10 +327,6 @@ class Publisher:
             return ()
         watch.published({each: readings[each] for each in changed if each in readings})
         return self.form.values(watch.device, readings, changed, self._unix(now))
-
-    def written(self, command: Command, request: Request, response: bytes | None, now: float) -> None:
-        """Take the response to a command's request; None if there was none."""
-        self.commands.written(command, request, response, now)
 
     def _tell(self, command: Command | Misdirected, error: str | None, now: float) -> None:
         if self.is_born:

@@ -14,7 +14,7 @@ that are the same as before, and `Running.switch` replaces the previous one with
 - routers              the routers of requests that come by no listener: control socket, HTTP
 - add_ons, add_on      parts with a section of their own, in one list: what each must do
 - mqtt, fleet          a room for each of them
-- kept_state, remembered, remembered_port, overdue    from earlier runs: moved devices, changed rates, late responses
+- kept_state, remembered, overdue    from earlier runs: moved devices, changed rates, late responses
 - recent, tightness, self_state, summary, port_records    what is counted, noticed and shown while it runs
 - garbage              keeps Python's collector short
 """

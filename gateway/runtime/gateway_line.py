@@ -20,11 +20,10 @@ from gateway.lines.driver import LineDriver
 from gateway.lines.exchange import Exchange
 from gateway.lines.line import Line
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import Opener, SerialSettings
+from gateway.ports.port import Opener, Port, PortUser, SerialSettings
 from gateway.ports.reconnector import OPENING_DEADLINE, Reconnector
 from gateway.runtime import remembered
 from gateway.runtime.port_records import kept_in
-from gateway.runtime.remembered_port import RememberedPort
 from gateway.state.memory import Memory
 from gateway.timing.budget import Budget
 from gateway.timing.characters import CharacterFormat
@@ -64,22 +63,21 @@ class GatewayLine:
         self.name = name = plan.line.name
         timing = plan.line.timing
         self.opener = opener
-        self._port = RememberedPort(plan, opener, memory)
-        settings = replace(plan.line, timing=replace(timing, baud=self._port.baud))
+        settings = replace(plan.line, timing=replace(timing, baud=remembered.rate(plan, memory)))
         #: Holds the lease of the line, if it has one.
         self.standby = None if plan.lease is None or buckets is None else self._standby(plan, buckets)
         self.driver = LineDriver(
             Line(settings, emit, ring),
             loop,
             emit,
-            self._port.rate_changed,
+            self._remember_rate,
             self.standby,
             reads_at_once=isinstance(plan.port, SerialSettings),
         )
         self.reconnector = Reconnector(
             name,
             plan.port.port,
-            self._port.open,
+            self._open,
             self.driver,
             kept_in(ring, loop.time, emit),
             OPENING_DEADLINE + plan.line.after_connect,
@@ -221,6 +219,17 @@ class GatewayLine:
         for each in plan.devices:
             devices[each.known_as].source = each.source
         self.place_devices()
+
+    def _remember_rate(self, baud: int) -> None:
+        """Remember that the line has changed its rate: the next run finds its devices there."""
+        self._memory.remember(remembered.rate_key(self.plan), self.plan.line.timing.baud, baud)
+
+    async def _open(self, user: PortUser) -> Port:
+        """Open the port at the rate that the line has changed to, if any; a device server keeps its rate."""
+        settings = self.plan.port
+        if isinstance(settings, SerialSettings):
+            settings = replace(settings, baud=remembered.rate(self.plan, self._memory))
+        return await self.opener(settings)(user)
 
     def _standby(self, plan: LinePlan, buckets: "Buckets") -> "Standby":
         """Make the Standby that keeps the port open while the lease is held. Its code is loaded only for that."""

@@ -1,9 +1,8 @@
 """The routers of requests that come by no listener and no server line. Add-ons have their own."""
 
 from collections.abc import Callable
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
-from gateway.config.values.reserved_names import CONTROL, EMBEDDED, WEB
 from gateway.routing.access import EntryPoint
 from gateway.routing.router import Router
 
@@ -20,12 +19,3 @@ class Routers(NamedTuple):
     web: Router
     #: Of the program that the gateway is a part of, and of units made in Python: all rights until a row names it.
     embedded: Router
-
-    @classmethod
-    def without_routes(cls, router: MakeRouter) -> Self:
-        """Make them; `Running.apply` gives them routes."""
-        return cls(
-            router(EntryPoint(CONTROL, "local")),
-            router(EntryPoint(WEB, "local")),
-            router(EntryPoint(EMBEDDED, "local")),
-        )

@@ -9,6 +9,7 @@ from typing import Final
 
 from gateway import events
 from gateway.config.plan.settings import Plan
+from gateway.config.values.reserved_names import CONTROL, EMBEDDED, WEB
 from gateway.errors import PortError
 from gateway.images.custom_unit import CustomUnit
 from gateway.images.drivers.polls_driver import Pollers
@@ -17,6 +18,7 @@ from gateway.listeners.serial import SerialListener
 from gateway.listeners.sockets import OpenSockets
 from gateway.listeners.tls import TlsListener
 from gateway.ports.port import Opener
+from gateway.routing.access import EntryPoint
 from gateway.routing.rights import Rights
 from gateway.routing.router import NamingRouter
 from gateway.runtime.add_on import AddOn
@@ -68,7 +70,7 @@ class Running:
         #: The certificates in use.
         self.contexts = contexts or TlsStore()
         make_router = partial(NamingRouter, clock=loop.time, emit=emit, ring=self.ring)
-        self.routers = Routers.without_routes(make_router)
+        self.routers = Routers(*(make_router(EntryPoint(name, "local")) for name in (CONTROL, WEB, EMBEDDED)))
         pollers = Pollers(loop, emit)
         self.add_ons = AddOns.without_plan(make_router, emit, self.contexts, kept, pollers)
         self.builder = Builder(

@@ -1,5 +1,6 @@
 """Decides when the next message with kept readings is sent, after all others. Times are seconds of any clock."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final, Protocol
 
@@ -23,7 +24,7 @@ QUICKLY: Final = 1.0
 class Keeps(Holds, Protocol):
     """What keeps readings: see Keeper."""
 
-    def take(self, may_tell: "MayTell", room: int) -> Batch | None:
+    def take(self, may_tell: Callable[[str], bool], room: int) -> Batch | None:
         """Return the next records to send; None if there are none at present."""
 
     def sent(self, batch: Batch) -> None:
@@ -34,13 +35,6 @@ class Keeps(Holds, Protocol):
 
     def rewind(self) -> None:
         """Send again what was not confirmed: the connection is lost."""
-
-
-class MayTell(Protocol):
-    """Tells whether a device's history may be sent now."""
-
-    def __call__(self, device: str) -> bool:
-        """Tell it of a device."""
 
 
 class History:

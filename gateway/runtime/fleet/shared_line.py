@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from functools import partial
 from math import inf
 from socket import gethostname
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from gateway.config.plan.forecast import guard, longest_late_window
 from gateway.config.plan.settings import LinePlan
@@ -12,7 +12,7 @@ from gateway.devices.quirks import BAUD_RATES
 from gateway.errors import PortError
 from gateway.events import Emit
 from gateway.fleet.lease_settings import LeaseSettings
-from gateway.fleet.standby import Bucket, Standby
+from gateway.fleet.standby import Standby
 from gateway.fleet.subjects import LEASES
 from gateway.lines.driver import LineDriver
 from gateway.lines.exchange import Exchange
@@ -22,11 +22,14 @@ from gateway.runtime import remembered
 from gateway.runtime.overdue import as_entry, is_entry, read_entry
 from gateway.state.memory import Memory
 
+if TYPE_CHECKING:
+    from gateway.fleet.bucket import Bucket
+
 #: Stands for the rate among names of devices, none of which can be empty.
 _RATE: Final = ""
 
 #: Opens the bucket of a name. Raises FleetError if NATS cannot be reached.
-Buckets = Callable[[str], Awaitable[Bucket]]
+Buckets = Callable[[str], Awaitable["Bucket"]]
 
 
 class OwnLine(Protocol):
