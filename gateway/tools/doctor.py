@@ -31,7 +31,7 @@ from gateway.operator.status.troubles import REJECTED
 from gateway.operator.units.units import may_read_all, no_such_line
 from gateway.ports.port import SerialSettings, SiteSettings
 from gateway.readconfig.expiry import about_certificates
-from gateway.runtime.gateway import Owner
+from gateway.runtime.gateway import Owner, Part
 from gateway.runtime.gateway_line import GatewayLine
 from gateway.runtime.gateway_monitor import GatewayMonitor
 from gateway.runtime.gateway_server import GatewayServer
@@ -66,9 +66,6 @@ LONGEST_WINDOW: Final = 5.0
 _STEP: Final = 0.05
 #: Listening time for a line with few samples, in seconds.
 LISTENING: Final = 3.0
-
-#: A line on a serial port, or behind a device server.
-Serial = GatewayLine | GatewayServer | GatewayMonitor
 
 
 async def examine(operator: Operator, asked: ToExamine, asker: Asker) -> Examination:
@@ -105,22 +102,14 @@ async def examined(
         WrongQuestion: there is no such line.
     """
     gateway = running.gateway
-    lines = [line for line in gateway.lines if wanted in (None, line.name)]
-    servers = [server for server in gateway.servers if wanted in (None, server.name)]
-    upstreams = [upstream for upstream in gateway.upstreams if wanted in (None, upstream.name)]
-    monitors = [monitor for monitor in gateway.monitors if wanted in (None, monitor.name)]
-    if wanted is not None and not (lines or servers or upstreams or monitors):
+    parts = [part for part in gateway.parts if wanted in (None, part.name)]
+    if wanted is not None and not parts:
         raise no_such_line(wanted, [part.name for part in gateway.parts])
-    asked: tuple[Owner, ...] = (*lines, *upstreams, *monitors)
     if asks:
-        found_about = await asyncio.gather(*(_about(running, part, is_there, asks=True) for part in asked))
+        found_about = await asyncio.gather(*(_about(running, part, is_there, asks=True) for part in parts))
     else:  # in turn, each with pauses
-        found_about = [await _about(running, part, is_there, asks=False) for part in asked]
-    about = {part.name: found for part, found in zip(asked, found_about, strict=True)}
-    groups = [(line.name, about[line.name]) for line in lines]
-    groups += [(server.name, _about_server(server)) for server in servers]
-    groups += [(upstream.name, about[upstream.name]) for upstream in upstreams]
-    groups += [(monitor.name, about[monitor.name]) for monitor in monitors]
+        found_about = [await _about(running, part, is_there, asks=False) for part in parts]
+    groups = [(part.name, found) for part, found in zip(parts, found_about, strict=True)]
     if wanted is None:
         polled = await polled_evidence(gateway)
         beside = [finding for each in polled for finding in about_polled(each)]
@@ -131,7 +120,6 @@ async def examined(
     now = asyncio.get_running_loop().time()
     clients = [client for listener in listeners for client in client_evidence(listener, gateway, now)]
     groups.append(("", [finding for client in clients for finding in about_client(client)]))
-    parts: tuple[Serial, ...] = (*lines, *servers, *monitors)
     return groups, [each for part in parts for each in _port_of(part)]
 
 
@@ -150,7 +138,9 @@ def _about_page(running: Running) -> Iterator[Finding]:
         yield Finding("fix", "web", running.page_trouble, "correct [web] in the config, then restart the gateway")
 
 
-async def _about(running: Running, part: Owner, is_there: IsThere, *, asks: bool) -> list[Finding]:
+async def _about(running: Running, part: Part, is_there: IsThere, *, asks: bool) -> list[Finding]:
+    if isinstance(part, GatewayServer):
+        return _about_server(part)
     if isinstance(part, GatewayUpstream):
         return await _about_upstream(running, part, is_there, asks=asks)
     if isinstance(part, GatewayMonitor):
@@ -329,8 +319,8 @@ def _why_down(running: Running, upstream: GatewayUpstream) -> Iterable[Finding]:
     return [Finding("fix", upstream.name, f"is down: {error}", remedy)]
 
 
-def _port_of(part: Serial) -> list[PortInUse]:
-    if not isinstance(part.plan.port, SerialSettings):
+def _port_of(part: Part) -> list[PortInUse]:
+    if isinstance(part, GatewayUpstream) or not isinstance(part.plan.port, SerialSettings):
         return []
     is_standby = isinstance(part, GatewayLine) and part.is_standby
     place = place_of(part.plan.line.source, "port")

@@ -6,8 +6,8 @@ address 0 is read from it. The report has no names of the machine or its users, 
 
 import asyncio
 import platform
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import Final, Literal, NamedTuple
@@ -90,22 +90,18 @@ class _Listener:
         self.damaged = False
 
 
-class _Held:
-    """Context manager that holds a port open."""
-
-    def __init__(self, opener: Opener, settings: SerialSettings) -> None:
-        self._open = opener(settings)
-        self.listener = _Listener(asyncio.get_running_loop().time)
-
-    async def __aenter__(self) -> tuple[Port, _Listener]:
-        self._port = await self._open(self.listener)
-        return self._port, self.listener
-
-    async def __aexit__(self, *_: object) -> None:
-        self._port.close()
+@asynccontextmanager
+async def _held(opener: Opener, settings: SerialSettings) -> AsyncIterator[tuple[Port, _Listener]]:
+    """Hold a port open inside the context."""
+    listener = _Listener(asyncio.get_running_loop().time)
+    port = await opener(settings)(listener)
+    try:
+        yield port, listener
+    finally:
+        port.close()
         with suppress(TimeoutError):  # the driver may hang
             async with asyncio.timeout(PATIENCE):
-                await self._port.wait_closed()
+                await port.wait_closed()
 
 
 async def look_at(opener: Opener, settings: SerialSettings, unit: int | None) -> list[Section]:
@@ -162,7 +158,7 @@ def about_adapter(found: Adapter) -> list[ReportRow]:
 
 
 async def _about_driver(opener: Opener, settings: SerialSettings) -> list[ReportRow]:
-    async with _Held(opener, settings) as (port, listener):
+    async with _held(opener, settings) as (port, listener):
         rows = [
             ReportRow("opens at", _opened_as(port, settings)),
             ReportRow("adds to a response at most", f"{port.latency * 1000:g} ms, as the gateway assumes"),
@@ -196,7 +192,7 @@ def _opened_as(port: Port, settings: SerialSettings) -> str:
 
 async def _tried(opener: Opener, settings: SerialSettings, what: str) -> ReportRow:
     try:
-        async with _Held(opener, settings) as (port, _):
+        async with _held(opener, settings) as (port, _):
             differs = port.baud not in (None, settings.baud)
             return ReportRow(what, f"yes, as {port.baud}" if differs else "yes")
     except PortError as error:
@@ -213,7 +209,7 @@ async def read_for(
     """
     timing, now = LineTiming("rtu", settings.baud, settings.format), asyncio.get_running_loop().time
     until, reads = now() + seconds, list[Read]()
-    async with _Held(opener, settings) as (port, listener):
+    async with _held(opener, settings) as (port, listener):
         while now() < until and len(reads) != count and listener.error is None:
             await asyncio.sleep(max(PAUSE, timing.t35))
             reads.append(await _read(port, listener, encode(unit, _QUESTION)))
@@ -302,7 +298,7 @@ async def wait_for_loss(opener: Opener, settings: SerialSettings, ready: Callabl
     Raises:
         PortError: the port cannot be opened.
     """
-    async with _Held(opener, settings) as (_, listener):
+    async with _held(opener, settings) as (_, listener):
         ready()
         with suppress(TimeoutError):
             async with asyncio.timeout(PATIENCE):
@@ -319,7 +315,7 @@ async def wait_for_return(opener: Opener, settings: SerialSettings) -> ReportRow
     until = now() + PATIENCE
     while now() < until:
         try:
-            async with _Held(opener, settings):
+            async with _held(opener, settings):
                 return ReportRow("plugged in again", f"opened, as {describe_adapter(settings.port).device}")
         except PortError as failed:
             error = why(failed, settings)

@@ -22,8 +22,6 @@ from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.ports.port import SerialSettings
 from gateway.runtime.gateway_line import GatewayLine
-from gateway.runtime.gateway_monitor import GatewayMonitor
-from gateway.runtime.gateway_server import GatewayServer
 from gateway.runtime.overdue import place_of
 from gateway.timing.characters import LineTiming
 from gateway.tools.scan import USUAL_LIMIT
@@ -140,11 +138,7 @@ class PageScans:
     def line_at(self, port: str) -> str:
         """Name the line of the gateway that has this port; empty if none does."""
         place = place_of(SerialSettings(port, 9600, FORMATS["rtu"][0]))
-        gateway = self._operator.gateway
-        parts: tuple[GatewayLine | GatewayServer | GatewayMonitor, ...]
-        parts = (*gateway.lines, *gateway.servers, *gateway.monitors)
-        taken = [(each.plan.port, each.name) for each in parts]
-        return next((name for there, name in taken if place_of(there) == place), "")
+        return next((each.name for each in self._operator.gateway.parts if place_of(each.plan.port) == place), "")
 
     def _new(self, of: str, user: str, owner: str, units: tuple[int, ...], mode: str) -> PageScan:
         if self.current is not None:

@@ -6,11 +6,11 @@ Whoever may not read a unit through the door that is used gets its requests and 
 import asyncio
 import json
 import platform
-from collections.abc import AsyncGenerator, Callable, Iterable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable
 from contextlib import aclosing
 from itertools import islice
 from time import sleep
-from typing import Final
+from typing import Final, TypeVar
 
 from gateway.clock.slices import turn
 from gateway.clock.threads import in_thread
@@ -47,6 +47,8 @@ _PAUSE: Final = 0.001
 #: How long one document may take, in seconds.
 PATIENCE: Final = 70.0
 NO_TRACE: Final = "left out, as was asked"
+
+A = TypeVar("A")
 
 #: A document in its parts.
 _Text = AsyncGenerator[str, None]
@@ -98,19 +100,15 @@ def _check(reloader: Reloader) -> str:
     return "".join(f"{each}\n" for each in without_advice(read.problems)) or "no errors, no warnings\n"
 
 
-async def _status(operator: Operator, asker: Asker) -> _Text:
-    async for part in _in_json(await tell_status(operator, Nothing(), asker)):
-        yield part
+def _in_json(tell: Callable[[Operator, A, Asker], Awaitable[object]], asked: A) -> Callable[[Operator, Asker], _Text]:
+    """Make the document that an operation answers."""
 
+    async def text(operator: Operator, asker: Asker) -> _Text:
+        answer = await tell(operator, asked, asker)
+        for part in _parts(await in_thread("support", _written, answer)):
+            yield part
 
-async def _inventory(operator: Operator, asker: Asker) -> _Text:
-    async for part in _in_json(await tell_inventory(operator, Nothing(), asker)):
-        yield part
-
-
-async def _doctor(operator: Operator, asker: Asker) -> _Text:
-    async for part in _in_json(await examine(operator, ToExamine(ask=False), asker)):
-        yield part
+    return text
 
 
 async def _events(operator: Operator, _asker: Asker) -> _Text:
@@ -165,13 +163,8 @@ def _teller(operator: Operator, asker: Asker) -> Callable[[Record], str]:
     return tell
 
 
-async def _in_json(answer: object) -> _Text:
-    def written() -> str:
-        return json.dumps(answer, default=fields_of, ensure_ascii=False, indent=1) + "\n"
-
-    text = await in_thread("support", written)
-    for part in _parts(text):
-        yield part
+def _written(answer: object) -> str:
+    return json.dumps(answer, default=fields_of, ensure_ascii=False, indent=1) + "\n"
 
 
 def _parts(text: str) -> Iterable[str]:
@@ -180,9 +173,9 @@ def _parts(text: str) -> Iterable[str]:
 
 #: Each document of a running gateway, in their order.
 _DOCUMENTS: Final[dict[str, Callable[[Operator, Asker], _Text]]] = {
-    "status.json": _status,
-    "inventory.json": _inventory,
-    "doctor.json": _doctor,
+    "status.json": _in_json(tell_status, Nothing()),
+    "inventory.json": _in_json(tell_inventory, Nothing()),
+    "doctor.json": _in_json(examine, ToExamine(ask=False)),
     "events.jsonl": _events,
     "metrics.txt": _metrics,
     "failures.jsonl": _failures,
