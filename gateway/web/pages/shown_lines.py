@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from gateway.operator.operations.answers.status import LineStatus, MonitorStatus, ServerStatus, Status
+from gateway.operator.operations.answers.status import LineStatus, MonitorStatus, ServerStatus, Status, UpstreamStatus
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ def shown_lines(status: Status) -> Iterator[ShownLine]:
             each.name, each.mode, each.baud, each.format, each.port, settings, busy, units, each, is_asked, is_heard
         )
     for upstream in status.upstreams:
-        spoken = "NATS" if upstream.to.startswith("fleet://") else "Modbus TCP"
+        spoken = "NATS" if is_site(upstream) else "Modbus TCP"
         yield ShownLine(
             upstream.name,
             "tcp",
@@ -54,6 +54,11 @@ def shown_lines(status: Status) -> Iterator[ShownLine]:
             _units_on(status, upstream.name),
             upstream,
         )
+
+
+def is_site(upstream: UpstreamStatus) -> bool:
+    """Tell whether an upstream is another site of the fleet."""
+    return upstream.to.startswith("fleet://")
 
 
 def _units_on(status: Status, name: str) -> tuple[tuple[int, str], ...]:

@@ -20,6 +20,22 @@ holding = 1
 """
 
 
+FLEET = """
+[fleet]
+servers = ["nats://127.0.0.1:4222"]
+
+[[upstream]]
+name = "north"
+to = "fleet://north"
+units = [{ unit = 21, name = "north-pump" }, { unit = 22, name = "north-fan" }]
+
+[[upstream]]
+name = "office"
+to = "tcp://127.0.0.1:5029"
+units = [{ unit = 31, name = "office-fan" }]
+"""
+
+
 @pytest.fixture
 async def bench(tmp_path):
     async with web_bench(CONFIG, tmp_path) as bench:
@@ -112,3 +128,14 @@ async def test_programs_get_them_from_the_api_with_the_right_to_read(bench, monk
 
 async def test_without_a_fleet_no_page_leads_there(bench):
     assert 'href="/sites"' not in await page(bench, "/")
+
+
+async def test_on_the_overview_a_site_is_one_row_with_its_units_counted(tmp_path):
+    """A control room may have hundreds."""
+    async with web_bench(CONFIG + FLEET, tmp_path) as bench:
+        text = await page(bench, "/")
+    rows = [row for row in Markup(text).rows() if row[0] in ("north", "north-pump 21", "office", "office-fan 31")]
+    assert [row[0] for row in rows] == ["office-fan 31", "north", "office"]
+    assert rows[1][2:] == ["0/2", "0.0", "0"]
+    assert 'data-line="office"' in text
+    assert 'data-line="north"' not in text
