@@ -135,7 +135,7 @@ class Scan:
             unit.unit,
             "answers" if code is None else "exception",
             code,
-            round(elapsed * 1000, 1),
+            round(max(0.0, elapsed) * 1000, 1),
             ", ".join(names),
             frame.unit if frame.unit != unit.unit else None,
             self._baud,

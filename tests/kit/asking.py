@@ -48,12 +48,12 @@ async def _no_turn() -> None:
 class ControlSocket(FakeConversation):
     """The control socket of a gateway in virtual time: operations that only let others have their turns."""
 
-    def __init__(self, running: Running) -> None:
+    def __init__(self, running: Running, reloader: Any = NO_FILE) -> None:
         super().__init__(self._answers_to)
-        self._running = running
+        self._running, self._reloader = running, reloader
 
     def _answers_to(self, question: Question) -> list[Mapping[str, Any]]:
-        answer = ask(self._running, **question)
+        answer = ask(self._running, reloader=self._reloader, **question)
         try:
             with patch("gateway.clock.slices.turn", _no_turn):
                 while True:

@@ -61,6 +61,13 @@ async def test_each_kind_is_found_with_its_profile_and_the_configured_are_not_as
         assert {1, 6}.isdisjoint(bench.lines["hall"].written[:1])
 
 
+async def test_an_answer_without_a_wire_takes_no_time():
+    """It may come before a wire could have carried the request."""
+    async with gateway_bench(CONFIG.replace("baud = 19200", 'wire = "direct"')) as bench:
+        bench.attach("hall", SimulatedLine("rtu", SimulatedDevice(3, delay=0.001)))
+        assert (await scanned(bench, units="3"))[3].answer_ms == 0
+
+
 async def test_who_is_configured_and_whether_one_of_them_answers_is_told():
     async with gateway_bench(CONFIG) as bench:
         bench.attach_at_pace("hall", Weigher(1), V80(6))

@@ -2,10 +2,11 @@
 
 import argparse
 import json
+import os
 import sys
 from pathlib import Path
 
-from gateway.cli.kit.daemon import Conversation, which_gateway
+from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, which_gateway
 from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.cli.show.ages import Ages
@@ -15,6 +16,8 @@ from gateway.config.load import load
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import did_you_mean, errors_in
 from gateway.errors import DaemonError
+from gateway.operator.operation import Nothing
+from gateway.operator.operations import WHICH
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,12 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     let_options_stand_anywhere(parser)
     add = parser.add_argument
     add("unit", metavar="UNIT", help="a virtual unit, image, mirror, or device with points: its number or its name")
-    add("--config", metavar="FILE", help=f"the config file (default {DEFAULT_CONFIG})")
-    add(
-        "--control",
-        metavar="PATH",
-        help="control socket of the gateway that tells the ages, if it is not the usual one",
-    )
+    add("--config", metavar="FILE", help=f"the config file (default: that of the gateway, else {DEFAULT_CONFIG})")
+    add("--control", metavar="PATH", help=f"control socket of the gateway that is meant (default: ${CONTROL_VARIABLE})")
     output = parser.add_mutually_exclusive_group()
     output.add_argument("--csv", action="store_true", help="print CSV, for the one who sets up the PLC or SCADA")
     output.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -35,7 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the map of a unit; 1 if the config has errors, 2 if there is no such unit, or nothing is known of it."""
-    loaded = load(args.config or DEFAULT_CONFIG)
+    file = _config(args)
+    loaded = load(file)
     if loaded.plan is None:
         print(*errors_in(loaded.problems), sep="\n", file=sys.stderr)
         return PROBLEM_FOUND
@@ -43,12 +43,24 @@ def run(args: argparse.Namespace) -> int:
     if args.csv:
         sys.stdout.write(map_as_csv(found))
         return FINE
-    ages = _ages(found, args)
+    ages = _ages(found, args, file)
     if args.json:
         print(json.dumps(map_as_json(found, ages), indent=2, ensure_ascii=False))
     else:
         print(map_as_text(found, ages))
     return FINE
+
+
+def _config(args: argparse.Namespace) -> str:
+    """Return the config file that is named, else that of the gateway that is named, else the usual one.
+
+    Raises:
+        DaemonError: the gateway that is named does not tell its config.
+    """
+    if args.config or not (args.control or os.environ.get(CONTROL_VARIABLE)):
+        return args.config or DEFAULT_CONFIG
+    with Conversation(which_gateway(args)) as daemon:
+        return daemon.ask(WHICH, Nothing()).config
 
 
 def _find(unit: str, plan: Plan) -> RegisterMap:
@@ -69,14 +81,14 @@ def _find(unit: str, plan: Plan) -> RegisterMap:
     return found
 
 
-def _ages(found: RegisterMap, args: argparse.Namespace) -> Ages | None:
-    """Ask the gateway that runs with the config how old the values are; None, after a note why, if it does not tell."""
+def _ages(found: RegisterMap, args: argparse.Namespace, config: str) -> Ages | None:
+    """Ask the gateway that runs with `config` how old the values are; None, after a note why, if it does not tell."""
     if all(row.line.every is None for row in found.rows):
         return None
     try:
         meant = which_gateway(args)
         if not args.control and not args.config:
-            meant = meant._replace(config=Path(DEFAULT_CONFIG))
+            meant = meant._replace(config=Path(config))
         with Conversation(meant) as daemon:
             return Ages(daemon, found)
     except DaemonError as error:

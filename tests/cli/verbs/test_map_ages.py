@@ -4,11 +4,13 @@ import asyncio
 import json
 from collections.abc import AsyncIterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from gateway.cli.main import FINE, main
-from kit.asking import ControlSocket
+from gateway.cli.kit.daemon import usual_socket
+from gateway.cli.main import FINE, PROBLEM_FOUND, main
+from kit.asking import NO_FILE, ControlSocket
 from kit.device import SimulatedDevice, SimulatedLine
 from kit.gateway_bench import GatewayBench, gateway_bench
 from kit.mapped_hall import CONFIG, attach
@@ -157,14 +159,32 @@ def test_without_a_gateway_the_map_is_shown_without_ages(config, capsys, tmp_pat
 
 async def test_only_the_gateway_with_this_config_is_asked(bench, meters, control, config, capsys, monkeypatch) -> None:
     monkeypatch.setattr("gateway.cli.verbs.map.DEFAULT_CONFIG", str(config))
-    monkeypatch.setenv("MODBUS_GATEWAY_CONTROL", "/run/here.sock")
     assert main(["map", "block"]) == FINE
-    assert control.meant == (Path("/run/here.sock"), config)
-    assert main(["map", "block", "--control", "/run/there.sock"]) == FINE
+    assert control.meant == (usual_socket(), config)
+    assert main(["map", "block", "--config", str(config), "--control", "/run/there.sock"]) == FINE
     assert control.meant == (Path("/run/there.sock"), None)
     config.write_text(CONFIG + '[control]\nsocket = "own.sock"\n')
     assert main(["map", "block", "--config", str(config)]) == FINE
     assert control.meant == (config.parent / "own.sock", None)
+
+
+@pytest.mark.parametrize("words", [["--control", "/run/there.sock"], []])
+async def test_the_map_of_a_gateway_that_is_named_is_that_of_its_config(
+    bench, meters, config, capsys, monkeypatch, words
+) -> None:
+    monkeypatch.setattr("gateway.cli.verbs.map.DEFAULT_CONFIG", "/nonexistent/usual.toml")
+    monkeypatch.setenv("MODBUS_GATEWAY_CONTROL", "/run/here.sock")
+    control = ControlSocket(bench.running, SimpleNamespace(**vars(NO_FILE) | {"place": str(config)}))
+    monkeypatch.setattr("gateway.cli.verbs.map.Conversation", control)
+    assert main(["map", "block", *words]) == FINE
+    assert control.meant.socket == Path(words[-1] if words else "/run/here.sock")
+    assert "AGE" in capsys.readouterr().out
+
+
+def test_the_map_of_a_gateway_that_is_named_and_is_not_there_is_none(config, capsys, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("gateway.cli.verbs.map.DEFAULT_CONFIG", str(config))
+    assert main(["map", "block", "--control", str(tmp_path / "none")]) == PROBLEM_FOUND
+    assert f"no running gateway found ({tmp_path / 'none'}: " in capsys.readouterr().err
 
 
 async def test_many_values_are_asked_for_in_parts_that_leave_out_gaps(monkeypatch, capsys, tmp_path) -> None:

@@ -24,7 +24,14 @@ def test_two_lines_that_are_called_after_ports_of_one_name():
     text = (
         '[[line]]\nport = "/dev/x/a"\ndevices = [{ unit = 1 }]\n[[line]]\nport = "/dev/y/a"\ndevices = [{ unit = 2 }]\n'
     )
-    assert 'error: line[1].name: "a" is already used in gateway.toml:1' in problems(text)
+    said = 'error: line[1].name: "a" is already used in gateway.toml:1 | give it another one: name = "..."'
+    assert said in problems(text)
+
+
+def test_two_listeners_on_free_ports_that_have_no_names():
+    free_port = '[[listen]]\nbind = "tcp://127.0.0.1:0"\n'
+    (said,) = problems(LINE + free_port + free_port)
+    assert said.endswith('"tcp://127.0.0.1:0" is already used in gateway.toml:5 | give it another one: name = "..."')
 
 
 def test_two_devices_with_one_name():
