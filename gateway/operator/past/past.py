@@ -1,5 +1,6 @@
 """The history of a line or a unit, for programs and pages."""
 
+from gateway.clock.times import rfc_3339
 from gateway.errors import WrongQuestion
 from gateway.operator.operations.answers.past import LinePast, LineSlot, UnitPast, UnitSlot
 from gateway.operator.operations.asked import PastOfLine, PastOfUnit
@@ -60,7 +61,7 @@ def line_past(past: Past, line: str) -> LinePast:
 def line_slot(number: int, use: LineUse) -> LineSlot:
     """Convert what a line did in the slot of this number."""
     seconds, down = round(use.seconds, 1), round(use.down, 1)
-    return LineSlot(number * STEP, seconds, round(use.busy_share, 4), down, int(use.sent), int(use.failed))
+    return LineSlot(_begin(number), seconds, round(use.busy_share, 4), down, int(use.sent), int(use.failed))
 
 
 def unit_past(past: Past, line: str, unit: str) -> UnitPast:
@@ -72,7 +73,7 @@ def unit_past(past: Past, line: str, unit: str) -> UnitPast:
 
 def _unit_slot(number: int, use: UnitUse) -> UnitSlot:
     return UnitSlot(
-        time=number * STEP,
+        time=_begin(number),
         requests=use.requests,
         timeouts=use.timeouts,
         failed=use.failed,
@@ -82,6 +83,10 @@ def _unit_slot(number: int, use: UnitUse) -> UnitSlot:
         limit_share=mean_share(use),
         resting_s=round(use.resting, 1),
     )
+
+
+def _begin(number: int) -> str:
+    return rfc_3339(number * STEP, "seconds")
 
 
 def mean_share(use: UnitUse) -> float | None:

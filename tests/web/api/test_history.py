@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 import re
 import zlib
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,10 @@ LINE = LineUse(600.0, 150.0, 60.0, 60, 3)
 USE = UnitUse(60, 3, 1, 2, 4, 50, 1.0, 5.0, 30.0)
 
 
+def begin(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
 @pytest.fixture
 async def bench(tmp_path):
     async with web_bench(CONFIG, tmp_path) as bench:
@@ -52,9 +57,9 @@ async def bench(tmp_path):
 async def test_a_line_by_slots(bench):
     told = (await bench.browser().get("/api/v1/lines/hall%20%26%20co/history?hours=1")).json
     assert (told["line"], told["step_s"]) == ("hall & co", STEP)
-    assert [each["time"] for each in told["slots"]] == [CLOCK - 3 * STEP, CLOCK - STEP, CLOCK]
+    assert [each["time"] for each in told["slots"]] == [*map(begin, (CLOCK - 3 * STEP, CLOCK - STEP, CLOCK))]
     assert told["slots"][2] == {
-        "time": CLOCK,
+        "time": begin(CLOCK),
         "seconds": 600.0,
         "busy_share": 0.25,
         "down_s": 60.0,
@@ -69,7 +74,7 @@ async def test_a_unit_by_slots(bench, unit):
     assert (told["unit"], told["line"], told["step_s"]) == ("silo", "hall & co", STEP)
     idle, _, last = told["slots"]
     assert last == {
-        "time": CLOCK,
+        "time": begin(CLOCK),
         "requests": 60,
         "timeouts": 3,
         "failed": 1,
@@ -79,7 +84,7 @@ async def test_a_unit_by_slots(bench, unit):
         "limit_share": 0.1,
         "resting_s": 30.0,
     }
-    assert (idle["time"], idle["requests"], idle["answer_ms"]) == (CLOCK - 3 * STEP, 0, None)
+    assert (idle["time"], idle["requests"], idle["answer_ms"]) == (begin(CLOCK - 3 * STEP), 0, None)
 
 
 async def test_a_unit_that_did_nothing_has_slots_of_nothing(bench):

@@ -10,7 +10,7 @@ async function fetched(line, hours) {
   const response = await fetch(`/api/v1/lines/${encodeURIComponent(line)}/history?hours=${hours}`, { redirect: "error" });
   if (!response.ok) throw new Error(response.status);
   const { step_s: step, slots } = await response.json();
-  const known = new Map(slots.map((slot) => [slot.time, slot]));
+  const known = new Map(slots.map((slot) => [Date.parse(slot.time) / 1000, slot]));
   const last = Math.floor(Date.now() / 1000 / step) * step;
   // The axis begins where the server's begins, as long as the gateway is new.
   const oldest = Math.min(last, ...known.keys()), shown = [1, 3, 6, 12, 24].find((each) => oldest > last - each * 3600) ?? hours;

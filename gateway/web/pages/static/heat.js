@@ -14,7 +14,7 @@ async function historyOf(unit) {
   const response = await fetch(`/api/v1/units/${encodeURIComponent(unit)}/history`, { redirect: "error" });
   if (!response.ok) throw new Error(response.status);
   const { step_s: step, slots } = await response.json();
-  const found = { step, slots: new Map(slots.map((slot) => [Math.floor(slot.time / step), slot])) };
+  const found = { step, slots: new Map(slots.map((slot) => [Date.parse(slot.time) / 1000 / step, slot])) };
   past.set(unit, { at: performance.now(), slots: found });
   return found;
 }
