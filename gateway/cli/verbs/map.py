@@ -16,8 +16,8 @@ from gateway.config.load import load
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import did_you_mean, errors_in
 from gateway.errors import DaemonError
-from gateway.operator.operation import Nothing
-from gateway.operator.operations import WHICH
+from gateway.operator.operations.operation import Nothing
+from gateway.operator.operations.table import WHICH
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
