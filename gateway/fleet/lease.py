@@ -26,16 +26,43 @@ A store without an entry, or with one older than an entry seen before, has lost 
 There is no I/O here: time is an argument, `next` says what to ask of the store, and the caller reports the result.
 """
 
+from dataclasses import dataclass
 from math import inf
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from gateway.fleet.lease_entry import LeaseEntry, State
 from gateway.fleet.lease_records import OwnWrites, StoreView
-from gateway.fleet.lease_settings import LeaseSettings
 from gateway.timing.lease_time import HOLDS, LOOKS
 
+#: Renewals per time in which the holder may write.
+_RENEWALS: Final = 3
 #: The reason after a rollback of the store.
 _OLDER: Final = "NATS came back with an older entry"
+
+
+@dataclass(frozen=True, slots=True)
+class LeaseSettings:
+    """The settings of one lease; all times in seconds.
+
+    `ttl` is its time to live without a renewal. `guard` is longer than any transaction on the line; an answer may still
+    come for `late` seconds after that. `fallback` is what the holder does when the store cannot be reached.
+    """
+
+    name: str
+    ttl: float
+    guard: float
+    late: float
+    fallback: Literal["release", "hold"] = "release"
+
+    @property
+    def writes_for(self) -> float:
+        """How long the holder may write after sending a renewal, in seconds."""
+        return HOLDS * self.ttl - self.guard
+
+    @property
+    def step(self) -> float:
+        """Time between renewals, and the limit of each call of the store, in seconds."""
+        return self.writes_for / _RENEWALS
 
 
 class Read(NamedTuple):

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from gateway.errors import FleetError, PortError
 from gateway.events import Emit, LeaseLost, LeaseTaken
-from gateway.fleet.lease import Lease, Read, StoreCall
+from gateway.fleet.lease import Lease, LeaseSettings, Read, StoreCall
 from gateway.fleet.lease_entry import State
-from gateway.fleet.lease_settings import LeaseSettings
 
 if TYPE_CHECKING:
     from gateway.fleet.bucket import Bucket

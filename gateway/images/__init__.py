@@ -5,7 +5,6 @@
 - polls, polling, polled_range, due, turns    polls of a device for all that want its values, and the age of these
 - places       what a read or a write touches
 - supply, heard_values    what supplies values: polls, or what others ask and the gateway hears
-- at_once      an image as something that is polled
 - mirror, virtual, ordered    units whose reads are answered from polls, and which pass other requests on
 - custom_unit, custom_image, custom_calls    a unit made in Python: what its author writes, the target, its calls
 - self_image, self_map    the registers of the gateway itself (docs/own-registers.md)

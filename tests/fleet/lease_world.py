@@ -14,8 +14,7 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
-from gateway.fleet.lease import Lease, Read, StoreCall, Write
-from gateway.fleet.lease_settings import LeaseSettings
+from gateway.fleet.lease import Lease, LeaseSettings, Read, StoreCall, Write
 
 SETTINGS = LeaseSettings("hall-a", ttl=20.0, guard=3.0, late=4.0)
 #: How long time may pass without anything else, in seconds.

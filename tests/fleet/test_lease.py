@@ -5,9 +5,8 @@ from math import inf, nan
 
 import pytest
 
-from gateway.fleet.lease import Lease, Read, Write
+from gateway.fleet.lease import Lease, LeaseSettings, Read, Write
 from gateway.fleet.lease_entry import LeaseEntry
-from gateway.fleet.lease_settings import LeaseSettings
 
 SETTINGS = LeaseSettings("hall-a", ttl=10.0, guard=1.5, late=4.0)
 #: How long a holder may write after it has sent a renewal, and how often it sends one.

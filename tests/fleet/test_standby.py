@@ -7,8 +7,8 @@ import pytest
 
 from gateway.errors import FleetError, PortError
 from gateway.events import Event, LeaseLost, LeaseTaken
+from gateway.fleet.lease import LeaseSettings
 from gateway.fleet.lease_entry import State
-from gateway.fleet.lease_settings import LeaseSettings
 from gateway.fleet.standby import Standby
 
 SETTINGS = LeaseSettings("hall-a", ttl=5.0, guard=1.0, late=1.0)

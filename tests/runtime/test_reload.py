@@ -20,8 +20,7 @@ from gateway.readconfig.process import READING_TIME, ConfigRead
 from gateway.routing.access import READING
 from gateway.runtime import build
 from gateway.runtime.fleet.add_on import Fleet
-from gateway.runtime.outcome import Outcome
-from gateway.runtime.reload import Reloader
+from gateway.runtime.reload import Outcome, Reloader
 from gateway.service.supervisor import Stop, serve
 from gateway.service.systemd import Notifier
 from images.disk import MemoryFiles

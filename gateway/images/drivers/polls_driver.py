@@ -7,12 +7,12 @@ from weakref import WeakValueDictionary
 
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.events import Emit, PartFailed
-from gateway.images.at_once import AtOnce
 from gateway.images.drivers.heard_driver import HeardDriver, HeardSource
 from gateway.images.polled_range import Part
 from gateway.images.polling import DevicePolls, PolledTarget, PolledUnit
 from gateway.images.turns import PollTurns
 from gateway.modbus.pdu import Span
+from gateway.profiles.holes import Holes
 from gateway.request import Caller, Origin, Request, Target
 
 
@@ -63,6 +63,22 @@ class PollsDriver(Origin):
         except Exception as error:  # noqa: BLE001 - the error boundary of polls: a defect must not reach the line
             self._emit(PartFailed.of(self.caller.client, error))
         self.changed()
+
+
+class AtOnce(Target):
+    """An image, a mirror or a virtual unit that is polled: nobody waits for it, and it never backs off."""
+
+    def __init__(self, destination: Target) -> None:
+        self.holes = Holes()
+        self.destination = destination
+
+    def submit(self, request: Request, now: float, *, yields: bool = False) -> None:  # noqa: ARG002 - nobody waits
+        """See PolledTarget."""
+        self.destination.submit(request, now)
+
+    def is_resting(self, now: float) -> bool:  # noqa: ARG002 - at any time
+        """See PolledTarget."""
+        return False
 
 
 class Pollers:

@@ -1,10 +1,12 @@
 """Connects a mirror or a virtual unit to the clock and the event loop."""
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, TypeVar
 
 from gateway.events import Emit, PartFailed
+from gateway.images.drivers.heard_driver import HeardDriver
+from gateway.images.drivers.polls_driver import PollsDriver
 from gateway.images.ordered import OrderedUnit
 from gateway.images.polled_range import Part
 from gateway.images.supply import Supply
@@ -13,18 +15,8 @@ from gateway.request import NamedTarget, Request
 Unit = TypeVar("Unit", bound=OrderedUnit)
 
 
-class SupplyDriver(Protocol):
-    """Drives `polls`, or what is heard, of one source."""
-
-    @property
-    def polls(self) -> Supply:
-        """See above."""
-
-    def change(self, come: Iterable[Part] = (), gone: Iterable[Part] = ()) -> None:
-        """Supply the parts that `come`, and no more those that are `gone`."""
-
-    def changed(self) -> None:
-        """Note that `polls` was told of a write."""
+#: What drives the polls, or what is heard, of one source.
+SupplyDriver = PollsDriver | HeardDriver
 
 
 class UnitDriver(NamedTarget, Generic[Unit]):
@@ -44,7 +36,7 @@ class UnitDriver(NamedTarget, Generic[Unit]):
         self.pollers = pollers
         self._emit = emit
         self._time = loop.time
-        self._drivers = {driver.polls: driver for driver in pollers.values()}
+        self._drivers: dict[Supply, SupplyDriver] = {driver.polls: driver for driver in pollers.values()}
         self._is_open = False
         self.unit = make(self)
         self.name = self.unit.name

@@ -35,13 +35,6 @@ class Changing(Protocol):
     changes: int
 
 
-class HasSince(Protocol):
-    """A row, or all rows of a device."""
-
-    def since(self, now: float, stale: float) -> float | None:
-        """Return when the oldest values were asked for, or an earlier time, if all are fresh."""
-
-
 class Row(Part):
     """What a row maps, and its source. `items` are those that were read last, as the device sent them.
 
@@ -180,7 +173,7 @@ class DeviceRows:
                 self._oldest, self._oldest_at = row, at
 
     def since(self, now: float, stale: float) -> float | None:
-        """See HasSince."""
+        """Return when the oldest values were asked for, or an earlier time, if all are fresh."""
         return self._since(now, stale) if not self._unsure else None
 
     def are_expected(self, now: float, stale: float) -> bool:
@@ -203,7 +196,7 @@ class Freshness:
 
     __slots__ = ("_changes", "_oldest", "rows")
 
-    def __init__(self, rows: Sequence[HasSince]) -> None:
+    def __init__(self, rows: "Sequence[Row | DeviceRows]") -> None:
         self.rows = rows
         #: When the oldest of their values was asked for, after so many changes.
         self._oldest = -inf

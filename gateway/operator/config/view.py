@@ -14,8 +14,7 @@ from gateway.config.problem import Problem
 from gateway.config.reading.comparing import difference, shown
 from gateway.errors import ConfigError
 from gateway.readconfig.process import READING_TIME, ConfigRead
-from gateway.runtime.outcome import Outcome
-from gateway.runtime.reload import Reloader, changed
+from gateway.runtime.reload import Outcome, Reloader, changed
 from gateway.runtime.running import Running
 
 #: This many characters of a file are shown.

@@ -11,7 +11,7 @@ from gateway.config.plan.settings import LinePlan
 from gateway.devices.quirks import BAUD_RATES
 from gateway.errors import PortError
 from gateway.events import Emit
-from gateway.fleet.lease_settings import LeaseSettings
+from gateway.fleet.lease import LeaseSettings
 from gateway.fleet.standby import Standby
 from gateway.fleet.subjects import LEASES
 from gateway.lines.driver import LineDriver

@@ -26,11 +26,11 @@ class _Asset:
 
 
 class Assets:
-    """The files of a folder and those below it, by their paths there. Reading them takes some milliseconds."""
+    """The files by their paths in FOLDER. Reading them takes some milliseconds."""
 
-    def __init__(self, folder: Path = FOLDER) -> None:
-        files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-        self._assets = {path.relative_to(folder).as_posix(): _asset(path) for path in files}
+    def __init__(self) -> None:
+        files = (path for path in sorted(FOLDER.rglob("*")) if path.is_file())
+        self._assets = {path.relative_to(FOLDER).as_posix(): _asset(path) for path in files}
 
     def address(self, name: str) -> str:
         """Return the address of a file; it changes with the content."""

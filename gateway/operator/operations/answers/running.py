@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gateway.runtime.outcome import Outcome
+from gateway.runtime.reload import Outcome
 
 
 @dataclass(frozen=True, slots=True)
