@@ -5,7 +5,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
-from gateway.config.documents.point_rows import identity_text, point_rows
+from gateway.config.documents.points import identity_text, point_rows
 from gateway.config.plan.areas import ranges_in
 from gateway.config.reading.profile_file import shipped_profile
 from gateway.config.schema.profile import ProfileTable

@@ -16,7 +16,7 @@ TABLES = frozenset(
         "gateway.config.schema.upstream.Upstream",
         "gateway.config.schema.profile.ProfileTable",
         "gateway.config.schema.profile.PointTable",
-        "gateway.config.schema.mapped.Mapped",
+        "gateway.config.schema.image.Mapped",
     }
 )
 #: What such a table says of a point. One object for all that is known of a failure: a second one would cost the ring

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from gateway.config.checks.fleet import check_fleet
-from gateway.config.checks.lease import check_lease
 from gateway.config.checks.mqtt import check_mqtt, check_published
+from gateway.config.checks.times import check_lease
 from gateway.config.checks.web import check_web
-from gateway.config.plan.fleet import add_fleet
-from gateway.config.plan.mqtt import add_mqtt
+from gateway.config.plan.add_ons import add_fleet, add_mqtt, add_web
 from gateway.config.plan.settings import Plan
-from gateway.config.plan.web import add_web
 from gateway.config.problem import Problem
 from gateway.config.schema.config import Config
 from gateway.config.schema.table import Table

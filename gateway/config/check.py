@@ -6,17 +6,14 @@ from typing import Final
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.checks.access import check_access
 from gateway.config.checks.duplicates import check_names, check_ports
-from gateway.config.checks.images import check_images
-from gateway.config.checks.intervals import check_intervals
-from gateway.config.checks.line_load import check_load
+from gateway.config.checks.images import check_images, check_intervals
 from gateway.config.checks.lines import check_lines
-from gateway.config.checks.listeners import check_binds, check_ipv6, check_shared_ports
+from gateway.config.checks.listeners import check_binds, check_ipv6, check_own_listeners, check_shared_ports
 from gateway.config.checks.maps import check_planned_maps
-from gateway.config.checks.own_listeners import check_own_listeners
 from gateway.config.checks.points import check_points
 from gateway.config.checks.profiles import check_profiles, check_profiles_of_devices
 from gateway.config.checks.reference_numbers import check_addresses
-from gateway.config.checks.retries import check_retries
+from gateway.config.checks.times import check_load, check_retries
 from gateway.config.checks.tls import check_tls
 from gateway.config.checks.units import (
     check_asked,

@@ -17,7 +17,7 @@ from gateway.config.machine.file_text import (
     plain_text,
     read_file_text,
 )
-from gateway.config.machine.port_trouble import port_trouble
+from gateway.config.machine.troubles import port_trouble
 from gateway.config.plan.settings import Plan
 from gateway.config.plan.shared_units import without_shared_units
 from gateway.config.problem import Path, Problem, error, errors_in, warning

@@ -4,10 +4,9 @@ from dataclasses import replace
 from functools import cached_property
 
 from gateway.config.add_ons import ADD_ONS
-from gateway.config.plan.access import access_row
+from gateway.config.plan.access import access_row, listen_settings
 from gateway.config.plan.images import OWN_VALUES, image_settings, kind_of, mirror_settings
 from gateway.config.plan.lines import line_plan, monitor_plan, server_plan, upstream_plan
-from gateway.config.plan.listeners import listen_settings
 from gateway.config.plan.profiles import guarded_profile_of
 from gateway.config.plan.reach import client_lines, monitor_lines
 from gateway.config.plan.settings import DEFAULT_LISTENER, LogSettings, OwnerPlan, Plan

@@ -9,8 +9,8 @@ from typing import Any, Final
 from gateway.config.check import UnitTrouble
 from gateway.config.checks.embedding import Embedding
 from gateway.config.load import Loaded, load, load_table, load_text
-from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.machine.file_text import folder_of
+from gateway.config.machine.troubles import address_trouble
 from gateway.config.machine.unit_class import find_class, wrong_methods
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, WrongValue

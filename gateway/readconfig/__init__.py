@@ -2,8 +2,8 @@
 
 - process, reader    the process, and the program that runs in it
 - text_check, text_reader    the same for a text that is no file yet
-- file_troubles, certificate_troubles    files that the config names
-- password, page_users, page_tokens    secrets, and the users of the web page, in their files
+- file_troubles    files that the config names
+- password, page_users    secrets, and the users of the web page, in their files
 - expiry       certificates that expire soon
 - libraries    libraries that are not installed
 """

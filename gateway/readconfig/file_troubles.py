@@ -3,6 +3,7 @@
 import os
 import stat
 import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from errno import EACCES
@@ -12,9 +13,9 @@ from typing import Final
 
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.load import Loaded, load_profile
-from gateway.config.machine.file_text import folder_of
-from gateway.config.machine.file_trouble import SERVICE_CONFIG, file_trouble
+from gateway.config.machine.file_text import SERVICE_CONFIG, file_trouble, folder_of
 from gateway.config.machine.profile_folders import BESIDE
+from gateway.config.plan.settings import Plan
 from gateway.config.problem import Path as ProblemPath
 from gateway.config.problem import Problem, warning
 from gateway.config.profile_files import ProfileFiles
@@ -23,14 +24,14 @@ from gateway.config.schema.config import Config
 from gateway.config.schema.line import Line
 from gateway.config.schema.table import Table
 from gateway.config.values.port import VirtualPort
-from gateway.errors import BrokerError, FleetError, UsersError
+from gateway.errors import BrokerError, FleetError, TlsError, UsersError
 from gateway.fleet.credentials import NO_LIBRARY, read_credentials
 from gateway.hardware.pseudo_terminals import find_group_to_give, has_group
-from gateway.readconfig.certificate_troubles import certificate_troubles
 from gateway.readconfig.libraries import missing_library, not_installed
 from gateway.readconfig.page_users import Users, read_users
 from gateway.readconfig.password import read_password, read_secret, read_token
-from gateway.tls.settings import SecretFile
+from gateway.tls.settings import SecretFile, Secured, ServerTls
+from gateway.tls.status import EARLY
 
 #: All rights of others, and the right of the group to write.
 _EXPOSED: Final = stat.S_IRWXO | stat.S_IWGRP
@@ -256,3 +257,39 @@ def _about_roles(path: ProblemPath, file: str, users: Users, *, may_write: bool)
     elif may_write and not any(user.role == "operator" for user in users.values()):
         what = f"{file} has no operator: nobody can write, although write = true"
         yield warning(path, what, f"modbus-gateway user add NAME --role operator --file {file}")
+
+
+def certificate_troubles(plan: Plan, file: str) -> Iterator[Problem]:
+    """Yield a warning for each file that cannot be used, or not for long. Only the service can see credentials."""
+    besides = (one for part in plan.add_ons.values() for one in part.secured)
+    for one in (*plan.secured, *besides):
+        if not _has_credentials(one) or "CREDENTIALS_DIRECTORY" in os.environ:
+            yield from (each.located(file, _line(one), 1) for each in _look_at(one))
+
+
+def _look_at(one: Secured) -> Iterator[Problem]:
+    from gateway.readconfig.expiry import DAY  # noqa: PLC0415 - few configs name such files
+    from gateway.tls.contexts import load  # noqa: PLC0415 - loads ssl
+
+    try:
+        loaded = load(one.settings)
+    except TlsError as error:
+        yield warning((), f"{one.name} cannot be used: {error}")
+        return
+    for said in loaded.warnings:
+        yield warning((), f"{one.name}: {said}")
+    for expiry in loaded.expiries:
+        left = (expiry.at - time.time()) / DAY
+        if left < EARLY:
+            what = f"{expiry.file} has expired" if left < 0 else f"{expiry.file} expires in {left:.0f} days"
+            yield warning((), f"{one.name}: {what}", "put another one in its place, then modbus-gateway reload")
+
+
+def _has_credentials(one: Secured) -> bool:
+    own = one.settings
+    others = (own.clients_ca, own.crl) if isinstance(own, ServerTls) else (own.ca,)
+    return any(file is not None and file.is_credential for file in (own.certificate, own.key, *others))
+
+
+def _line(one: Secured) -> int:
+    return int(one.source.rpartition(":")[2] or 0)

@@ -4,6 +4,12 @@ anna:operator:$scrypt$ln=14,r=8,p=5$SALT$HASH
 
 The password itself is not stored. A guess costs 16 MiB and some tenths of a second (RFC 7914, with the parameters that
 OWASP recommends for 16 MiB).
+
+ingest:operator:$scrypt$ln=1,r=1,p=1$token/of/program$HASH
+
+A password needs a salt and a hash that takes long, because people choose what can be guessed. A token is 256 random
+bits: nobody can try so many, however fast the hash is. So it is scrypt at its lowest cost, 10 µs: it is computed with
+each request, in the loop that serves the lines. To older versions it is a user whose password is the token.
 """
 
 import binascii
@@ -22,7 +28,6 @@ from pathlib import Path
 from typing import Final, Literal, get_args
 
 from gateway.errors import UsersError
-from gateway.readconfig.page_tokens import is_of_token
 
 Role = Literal["viewer", "operator"]
 ROLES: Final[tuple[Role, ...]] = get_args(Role)
@@ -41,6 +46,29 @@ _SALT: Final = 16
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._@-]{0,63}")
 _HASH: Final = re.compile(r"\$scrypt\$ln=(\d{1,2}),r=(\d{1,2}),p=(\d{1,2})\$([A-Za-z0-9+/=]+)\$([A-Za-z0-9+/=]+)")
+#: What each token begins with: who finds one in a text knows what it is, and so do programs that look for secrets.
+PREFIX: Final = "mbgw_"
+_TOKEN: Final = re.compile(rf"{PREFIX}[A-Za-z0-9_-]{{43}}")
+#: What stands in the place of a salt. It makes the entry of a token known as one: salts of passwords are random.
+_MARK: Final = "token/of/program"
+_BEGIN: Final = f"$scrypt$ln=1,r=1,p=1${_MARK}$"
+
+
+def new_token() -> str:
+    """Make a token: 256 random bits."""
+    return PREFIX + secrets.token_urlsafe(32)
+
+
+def token_hash(token: str) -> str:
+    """Hash a token for the file; empty if it does not have the form of one. Takes some microseconds."""
+    if _TOKEN.fullmatch(token) is None:
+        return ""
+    return _BEGIN + b64encode(hashlib.scrypt(token.encode(), salt=b64decode(_MARK), n=2, r=1, p=1, dklen=32)).decode()
+
+
+def is_of_token(hash_: str) -> bool:
+    """Tell whether a hash in the file is that of a token, and not of a password."""
+    return hash_.startswith(_BEGIN)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from gateway.config.load import load
-from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.machine.file_text import folder_of
+from gateway.config.machine.troubles import address_trouble
 from gateway.config.machine.unit_class import unit_trouble
 from gateway.readconfig.process import READING_TIME, ConfigRead, made
 

@@ -19,10 +19,9 @@ from gateway.config.plan.names import all_device_names, device_names
 from gateway.config.problem import Path
 from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
-from gateway.config.schema.image import Image
+from gateway.config.schema.image import Image, Mapped
 from gateway.config.schema.line import Line
 from gateway.config.schema.listen import Listen
-from gateway.config.schema.mapped import Mapped
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.config.schema.table import Table
 from gateway.config.schema.upstream import Upstream

@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 from gateway.config.load import load
-from gateway.readconfig.certificate_troubles import certificate_troubles
+from gateway.readconfig.file_troubles import certificate_troubles
 from kit import pki
 from kit.pki import listener
 

@@ -3,8 +3,18 @@
 import re
 import time
 
-from gateway.readconfig.page_tokens import PREFIX, is_of_token, new_token, token_hash
-from gateway.readconfig.page_users import User, changing_users, hashed, is_password, parse_users, read_users
+from gateway.readconfig.page_users import (
+    PREFIX,
+    User,
+    changing_users,
+    hashed,
+    is_of_token,
+    is_password,
+    new_token,
+    parse_users,
+    read_users,
+    token_hash,
+)
 from kit.browser import CHEAP_HASH
 
 

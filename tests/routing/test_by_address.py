@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from gateway.cli.show.rights import rights_as_text
+from gateway.cli.show.listeners import rights_as_text
 from gateway.config.load import parse
 from gateway.config.plan.access import access_row
 from gateway.config.resolve import resolve

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from gateway.cli.show.bench import show_bench
+from gateway.cli.verbs.bench import show_bench
 from gateway.config.plan.line_load import load_of, read_rates, total_share
 from gateway.errors import WrongQuestion
 from gateway.operator.operations.asked import ToMeasure

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 from gateway.cli.demo.script import DemoLine
 from gateway.readconfig.page_users import User, changing_users, hashed
+from gateway.tls.making import make_authority, make_client, make_server
 
 #: Noise, another client, a device that is off.
 _HALL: Final = DemoLine(
@@ -45,6 +46,30 @@ LIVE_MAPPED: Final = (
     '{ at = 30, device = "spare", holding = 0, every = "1 s" }',
     '{ at = 31, fresh = ["mixer", "drive-71", "drive-72", "drive-73", "spare"] }',
 )
+#: The port of the secured listener, if it is free.
+PORT: Final = 8802
+_DAYS: Final = 2
+
+_CONFIG: Final = """\
+[[listen]]
+name = "secured"
+bind = "tls://127.0.0.1:{port}"
+certificate = "{folder}/server.crt"
+key = "{folder}/server.key"
+clients_ca = "{folder}/ca.crt"
+
+[[access]]
+role = "operator"
+allow = ["read", "write"]
+
+[[access]]
+role = "viewer"
+allow = ["read"]
+
+[[access]]
+from = ["127.0.0.0/8", "::1"]
+allow = ["read", "write"]
+"""
 
 
 class Login(NamedTuple):
@@ -66,3 +91,34 @@ def make_login(folder: Path) -> Login:
 def page_config(port: int, login: Login) -> str:
     """Write the table of the page, which only this machine can reach."""
     return f'[web]\nbind = "http://127.0.0.1:{port}"\nusers = "{login.file}"\nwrite = true\n'
+
+
+def make_certificates(folder: Path) -> Path:
+    """Make an authority, a server and two clients in a folder there.
+
+    Raises:
+        TlsError: they cannot be made.
+    """
+    tls = folder / "tls"
+    make_authority(tls, "Demo authority", _DAYS)
+    make_server(tls, "server", ["localhost", "127.0.0.1"], _DAYS)
+    for role in ("operator", "viewer"):
+        make_client(tls, role, role, _DAYS)
+    return tls
+
+
+def tls_config(tls: Path, port: int) -> str:
+    """Write the listener and the rights of roles for the config."""
+    return _CONFIG.format(folder=tls, port=port)
+
+
+def invitation(tls: Path, address: str) -> str:
+    """Say how to connect, and how to write 7 to register 0 of unit 200: the response to a viewer is exception 01."""
+    place = address.removeprefix("tls://")
+    return (
+        f"\nThe same units with certificates, at {address}. A viewer may not write: his request is\n"
+        "answered with 86 01. That of an operator (operator.crt, operator.key) comes back as it is:\n"
+        r"  (printf '\0\1\0\0\0\6\310\6\0\0\0\7'; sleep 1) |"
+        f" openssl s_client -quiet -connect {place} \\\n"
+        f"    -CAfile {tls}/ca.crt -cert {tls}/viewer.crt -key {tls}/viewer.key 2>/dev/null | xxd"
+    )

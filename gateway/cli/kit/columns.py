@@ -1,10 +1,12 @@
-"""Plain text tables."""
+"""Plain text tables, of cells or of parts of an answer."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Generic, TypeVar
 
 from gateway.cli.kit.cells import cut, padded, width_of
-from gateway.cli.kit.paint import escaped, plain
+from gateway.cli.kit.paint import badness, escaped, plain
 
 _BETWEEN = "  "
 #: No column gets narrower than this, in cells.
@@ -12,6 +14,14 @@ _NARROWEST = 8
 #: So many rows that only count are shown by the first and the last one.
 _LONG_RUN = 10
 _NUMBERS = re.compile(r"([0-9]+)")
+W = TypeVar("W")
+Row = TypeVar("Row")
+
+_INDENT: Final = "  "
+#: The columns whose texts may be shortened.
+_FLEXIBLE: Final = frozenset(
+    {"NAME", "PORT", "ADDRESS", "AT", "DEVICE", "OF", "AGES", "CLIENT", "LISTENER", "REASON", "DOWN"}
+)
 
 
 def align(rows: Sequence[Sequence[str]], indent: str = "") -> str:
@@ -78,3 +88,25 @@ def shorten(text: str, width: int) -> str:
         return text
     text, end = plain(text), (width - 1) * 2 // 3
     return f"{cut(text, width - 1 - end)}…{cut(text, end, whole - end)}"
+
+
+@dataclass(frozen=True)
+class Table(Generic[W, Row]):
+    """A table: its title, how its `rows` are found in the whole answer, and its columns by their headings.
+
+    Rows with a cell in red stand above the others, and below them those with one in yellow.
+    """
+
+    title: str
+    rows: Callable[[W], Iterable[Row]]
+    columns: Mapping[str, Callable[[Row], object]]
+
+    def show(self, whole: W, width: int) -> str:
+        """Show the table, `width` characters wide unless texts are too long; nothing if it has no rows."""
+        cells = [[str(cell(row)) for cell in self.columns.values()] for row in self.rows(whole)]
+        if not cells:
+            return ""
+        cells.sort(key=lambda row: -max(map(badness, row)))
+        flexible = [place for place, heading in enumerate(self.columns) if heading in _FLEXIBLE]
+        rows = narrow([tuple(self.columns), *cells], flexible, width - len(_INDENT))
+        return f"{self.title}\n{align(rows, _INDENT)}"

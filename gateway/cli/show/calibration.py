@@ -1,20 +1,25 @@
 """A proposed timing table, as `calibrate` prints it and as a profile."""
 
+import re
 from collections.abc import Iterator
 from datetime import datetime
 from math import ceil
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
-from gateway.cli.show.measured_profile import profile_text
 from gateway.config.values.duration import show_duration
-from gateway.operator.operations.answers.times import Measured
+from gateway.operator.answers.measured import Measured
+from gateway.profiles import shipped_text
 from gateway.timing.proposal import MeasuredTimes, Proposal
 from gateway.timing.verdict import ENOUGH_TO_SHORTEN
 
 _HEADINGS: Final = ("FUNCTION", "ITEMS", "RESPONSES", "P50", "P99", "MAX", "FIT", "LIMIT NOW")
 #: Functions whose requests have one item always.
 _ONE_ITEM: Final = frozenset({5, 6, 22})
+_COMMENT: Final = re.compile(r"\A(#.*\n)*\n*")
+_HEADING: Final = re.compile(r"^\[profile\.[^]]*\]\n", re.MULTILINE)
+_TIMING: Final = re.compile(r"^timing\s*=\s*\[\n.*?^\]\n", re.MULTILINE | re.DOTALL)
+_MARGIN: Final = re.compile(r"^margin\s*=.*\n", re.MULTILINE)
 
 
 class Calibration(Proposal):
@@ -117,3 +122,17 @@ def _duration(seconds: float) -> str:
     milliseconds = max(seconds * 1000, 1.0)
     step = 0.01 if milliseconds < 10 else 0.1 if milliseconds < 100 else 1.0
     return show_duration(ceil(round(milliseconds / step, 6)) * step / 1000)
+
+
+def profile_text(profile: str, timing: str, margin: float, origin: str) -> str:
+    """Write the TOML table of the profile `NAME-measured`, with a `timing` key as text, and where that comes from."""
+    name = f"{profile}-measured"
+    key = f"{timing}\nmargin    = {margin:g}\n"
+    shipped = shipped_text(profile)
+    if shipped is None:
+        return f"# {origin}\n# Add the other keys of [profile.{profile}].\n\n[profile.{name}]\n{key}"
+    text = _COMMENT.sub("", shipped)
+    text = _MARGIN.sub("", _TIMING.sub("", text))
+    return f"# {origin}\n# All else is as in the shipped profile {profile}.\n\n" + _HEADING.sub(
+        lambda _: f"[profile.{name}]\n{key}", text, count=1
+    )

@@ -9,22 +9,28 @@ from typing import Any, Final
 from gateway.cli.kit.columns import align
 from gateway.cli.show.guarded import guarded_as_json, guarded_as_text
 from gateway.cli.show.images import images_as_json, images_as_text, mirrors_as_json
-from gateway.cli.show.lines import line_as_json, line_as_text
-from gateway.cli.show.listeners import listeners_as_json, listeners_as_text
-from gateway.cli.show.monitors import monitor_as_json, monitor_as_text
+from gateway.cli.show.lines import line_as_json, line_as_text, monitor_as_json, monitor_as_text
+from gateway.cli.show.listeners import listeners_as_json, listeners_as_text, rights_as_json, rights_as_text
 from gateway.cli.show.published import published_as_json, published_as_text
-from gateway.cli.show.rights import rights_as_json, rights_as_text
-from gateway.cli.show.servers import server_as_json, server_as_text, upstream_as_json, upstream_as_text
-from gateway.cli.show.sites import sites_as_json, sites_as_text
-from gateway.cli.show.trends import trends_as_json, trends_as_text
+from gateway.cli.show.servers import (
+    server_as_json,
+    server_as_text,
+    sites_as_json,
+    sites_as_text,
+    upstream_as_json,
+    upstream_as_text,
+)
 from gateway.cli.show.virtual import virtual_as_json, virtual_as_text
 from gateway.config.load import Loaded
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, dotted
+from gateway.config.values.duration import show_duration
 from gateway.errors import StateError
 from gateway.events import AddressRemembered, BaudRemembered
+from gateway.operator.trends.numbers import has_trend
 from gateway.runtime.remembered import in_force
 from gateway.state.memory import read_memory, state_folder
+from gateway.timing.trend import SHORT, Layout
 
 _LONGEST_WAIT: Final = "Longest wait = max_wait + gap + longest request on the wire + its time limit."
 _LONGEST_WAIT_FOR_REPEATS: Final = "With retries it is max_wait + gap + retry_within, if that is longer."
@@ -152,3 +158,34 @@ def _problem_as_json(problem: Problem) -> dict[str, Any]:
         "what": problem.what,
         "help": problem.remedy,
     }
+
+
+def trends_as_text(plan: Plan) -> list[str]:
+    """Show slots and room, if any trend is kept."""
+    points = _points(plan)
+    if plan.web is None or not plan.web.values or not points:
+        return []
+    layout = Layout.of(plan.web.values)
+    room = f"room for about {layout.points // 100 * 100} points that always change"
+    here = f"{points} point{'' if points == 1 else 's'} here"
+    enough = "" if points <= layout.points else ": the oldest slots are dropped earlier, if more than that change"
+    return [f"Trends\n  kept for {_time(layout.kept)} in slots of {layout.step // 60} min; {room}, {here}{enough}"]
+
+
+def trends_as_json(plan: Plan) -> dict[str, int] | None:
+    """Make the same for programs; None if no trends are kept."""
+    if plan.web is None or not plan.web.values:
+        return None
+    layout = Layout.of(plan.web.values)
+    return {"kept_s": layout.kept, "step_s": layout.step, "room_for_points": layout.points, "points": _points(plan)}
+
+
+def _points(plan: Plan) -> int:
+    """Count the points of devices that have a trend."""
+    return sum(has_trend(point) for device in plan.shared for point in plan.points.get(device.known_as, ()))
+
+
+def _time(seconds: int) -> str:
+    if seconds > SHORT and seconds % SHORT == 0:
+        return f"{seconds // SHORT} days"
+    return show_duration(seconds) if seconds % 3600 else f"{seconds // 3600} h"

@@ -5,8 +5,8 @@ from datetime import date
 from math import inf
 from typing import Final
 
+from gateway.cli.kit.columns import Table
 from gateway.cli.kit.paint import red, yellow
-from gateway.cli.kit.table import Table
 from gateway.cli.show.status_tables import painted
 from gateway.config.values.duration import show_age
 from gateway.fleet.status import SiteStatus

@@ -1,15 +1,30 @@
-"""The listeners of a config, as `check` shows them, and what leads only to one line or upstream."""
+"""The listeners and the rights of a config, as `check` shows them, and what leads only to one line or upstream."""
 
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.cli.show.limits import milliseconds
+from gateway.config.plan.rights_in_words import (
+    addresses_by_area,
+    own_numbers,
+    right_in_words,
+    rows_in_words,
+    unnamed_certified,
+    unnamed_datagrams,
+)
 from gateway.config.plan.settings import Plan
 from gateway.config.values.duration import show_duration
 from gateway.listeners.hosts import url
 from gateway.listeners.settings import ListenSettings
+from gateway.routing.access import DEFAULT_ROWS, AccessRow
 
 ON_FAILURE_SILENT: Final = "no response instead of 06, 0A and 0B."
+_HEADINGS: Final = ("FROM", "THROUGH", "UNITS", "ADDRESSES", "RIGHTS", "PRIORITY")
+#: What rows for addresses mean.
+_BY_ADDRESS: Final = (
+    "  At each address of a request the first row that has it counts, and each of these rows must allow the function.",
+    "  What may write and tells no addresses is also refused by an earlier row for addresses that does not allow it.",
+)
 
 
 def listeners_as_text(listeners: tuple[ListenSettings, ...]) -> str:
@@ -67,3 +82,53 @@ def listeners_as_json(listeners: tuple[ListenSettings, ...]) -> list[dict[str, A
         }
         for one in listeners
     ]
+
+
+def rights_as_text(plan: Plan) -> str:
+    """Show the table of rights, with rules that are not rows."""
+    rows = rows_in_words(plan)
+    has_addresses, has_priority = any(row.addresses for row in rows), any(row.priority for row in rows)
+    table = [_columns(*_HEADINGS, has_addresses=has_addresses, has_priority=has_priority)]
+    for row in rows:
+        addresses = row.addresses or ("all" if row.units else "")
+        cells = row.clients, row.through, row.units, addresses, row.may, row.priority
+        table.append(_columns(*cells, has_addresses=has_addresses, has_priority=has_priority))
+    silent = [f"  Through {name} (UDP) clients only read, as no row names it." for name in unnamed_datagrams(plan)]
+    silent += [f"  Through {name} (TLS) {_by_certificate(plan)}." for name in unnamed_certified(plan)]
+    rules = _BY_ADDRESS if has_addresses else ()
+    return "\n".join(["Rights: first match wins", align(table, "  "), *rules, *silent])
+
+
+def _columns(*cells: str, has_addresses: bool, has_priority: bool) -> list[str]:
+    """Leave out the columns that are not needed."""
+    shown = (True, True, True, has_addresses, True, has_priority)
+    return [cell for cell, is_shown in zip(cells, shown, strict=True) if is_shown]
+
+
+def _by_certificate(plan: Plan) -> str:
+    if plan.access == DEFAULT_ROWS:
+        return "clients only read, from everywhere, as there are no rows"
+    return "only rows with a role apply, as no row names it"
+
+
+def rights_as_json(plan: Plan) -> list[dict[str, Any]]:
+    """Make the table of rights for programs; null means all."""
+    return [
+        {
+            "from": None if row.networks is None else [*map(str, row.networks), *sorted(row.sites)],
+            "role": row.role,
+            "listen": None if row.listeners is None else sorted(row.listeners),
+            "units": None if row.units is None else sorted(row.units),
+            "by_address": bool(own_numbers(row, plan)),
+            "addresses": None if row.addresses is None else _ranges(row),
+            "may": right_in_words(row.right),
+            "priority": row.priority,
+            "source": row.source,
+        }
+        for row in plan.access
+    ]
+
+
+def _ranges(row: AccessRow) -> dict[str, list[tuple[int, int]]]:
+    """List the first and last addresses of the ranges of a row, by area."""
+    return {str(area): [(each.start, each.end - 1) for each in spans] for area, spans in addresses_by_area(row).items()}

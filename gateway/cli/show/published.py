@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align, without_middles
-from gateway.config.plan.outage import longest_outage
+from gateway.config.plan.add_ons import longest_outage
 from gateway.config.plan.settings import MqttPlan, Plan
 from gateway.config.values.size import show_size
 from gateway.plant.topics import SparkplugTopics, Topics

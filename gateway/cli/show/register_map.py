@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from gateway.cli.show.mapped import MappedLine, mapped_lines
+from gateway.cli.show.virtual import MappedLine, mapped_lines
 from gateway.config.plan.settings import Plan
 from gateway.config.values.unitset import show_unit
 from gateway.images.image import ImageSettings

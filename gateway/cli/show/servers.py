@@ -1,6 +1,7 @@
-"""The upstreams and server lines of a config, as `check` shows them."""
+"""The upstreams and server lines of a config, as `check` shows them, and how long other sites may have to wait."""
 
 from collections.abc import Iterator
+from math import ceil
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,9 +20,9 @@ from gateway.cli.show.limits import milliseconds, round_up
 from gateway.cli.show.line_load import polls_as_json, polls_as_text
 from gateway.cli.show.lines import show_silence
 from gateway.cli.show.listeners import ON_FAILURE_SILENT, listeners_for, through
-from gateway.cli.show.sites import timeout_advice
-from gateway.config.machine.port_trouble import predict_wire
+from gateway.config.machine.troubles import predict_wire
 from gateway.config.plan.forecast import (
+    least_timeouts_at_other_sites,
     longest_wait_outside,
     longest_waits_behind,
     waits_behind,
@@ -30,7 +31,7 @@ from gateway.config.plan.line_load import load_of, total_share
 from gateway.config.plan.settings import Plan, ServerPlan, UpstreamPlan
 from gateway.config.values.duration import show_duration
 from gateway.config.values.unitset import show_units
-from gateway.ports.port import PtySettings
+from gateway.ports.port import PtySettings, SiteSettings
 from gateway.upstreams.settings import UpstreamSettings
 
 _FOR_PROGRAMS: Final = "  For programs of this machine; set them to {}, and any rate."
@@ -169,3 +170,30 @@ def server_as_json(server: ServerPlan, plan: Plan, folder: Path) -> dict[str, An
             for unit, (name, wait) in waits_behind(server, plan).items()
         ],
     }
+
+
+def sites_as_text(plan: Plan) -> list[str]:
+    """Show the shortest `timeout` that other sites need for each line and upstream, if there are other sites."""
+    rows = [(name, show_duration(timeout)) for name, timeout in _timeouts(plan).items()]
+    if plan.fleet is None or not rows:
+        return []
+    advice = f"  At other sites, the [[upstream]] to fleet://{plan.fleet.site} needs this timeout or a longer one."
+    return ["\n".join(["Other sites", align([("UNITS OF", "TIMEOUT"), *rows], "  "), advice])]
+
+
+def sites_as_json(plan: Plan) -> list[dict[str, Any]]:
+    """Make the same for programs; times are in milliseconds."""
+    return [{"units_of": name, "timeout_ms": round(1000 * timeout)} for name, timeout in _timeouts(plan).items()]
+
+
+def timeout_advice(plan: UpstreamPlan) -> list[str]:
+    """Say where to find how long `timeout` must be, if units of another site are asked."""
+    if not isinstance(plan.port, SiteSettings):
+        return []
+    return [f"  check at {plan.port.site} prints which timeout its units need."]
+
+
+def _timeouts(plan: Plan) -> dict[str, float]:
+    """Calculate the shortest time-outs, rounded up to tenths of seconds."""
+    timeouts = {} if plan.fleet is None else least_timeouts_at_other_sites(plan)
+    return {name: ceil(10 * timeout) / 10 for name, timeout in timeouts.items()}

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from math import ceil
 from typing import Any, Final, NamedTuple
 
+from gateway.cli.kit.columns import Table
 from gateway.cli.kit.paint import red, yellow
-from gateway.cli.kit.table import Table
 from gateway.cli.show.advice import count_failed, count_ok
 from gateway.config.values.duration import show_age, show_duration
 from gateway.config.values.unitset import show_unit

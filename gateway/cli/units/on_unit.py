@@ -1,15 +1,18 @@
-"""The common beginning of `read` and `write`: finds the unit, and opens it through the gateway or directly."""
+"""What `read` and `write` have in common: find the unit, open it through the gateway or directly, and ask it."""
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
-from gateway.cli.kit.daemon import Conversation, which_gateway
+from gateway.cli.kit.daemon import NOT_UNDERSTOOD, Conversation, which_gateway
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.units.mbpoll import refuse_habits
 from gateway.cli.units.unit import DaemonUnit, Unit
 from gateway.cli.units.words import Command
+from gateway.errors import GatewayError
+from gateway.modbus.functions import only_reads
+from gateway.operator.values import Outcome, Steps
 
 Verb = Literal["read", "write"]
 #: What a verb does with a unit and the words behind it. Returns the exit code.
@@ -53,3 +56,28 @@ def _open_unit(wanted: str, args: argparse.Namespace) -> Iterator[Unit]:
         raise WrongUsageError("--profile is for --port and --tcp; the gateway knows what its units are", "leave it out")
     with Conversation(which_gateway(args)) as daemon:
         yield DaemonUnit(daemon, wanted)
+
+
+def carry_out(unit: Unit, steps: Steps) -> Outcome:
+    """Send each request, and give the answer to the next step. An error says what became of a write.
+
+    Raises:
+        DaemonError, NoResponseError: there is no response.
+        DoesNotFit: a value does not fit with the scale that was read before, or there is none.
+    """
+    became = ""
+    try:
+        step = next(steps)
+        while True:
+            is_write = not only_reads(step.pdu)
+            became = "the write may have been carried out" if is_write else became
+            answer = unit.ask(step)
+            became = "the write was carried out" if is_write else became
+            step = steps.send(answer)
+    except StopIteration as end:
+        outcome: Outcome = end.value
+        return outcome
+    except (GatewayError, *NOT_UNDERSTOOD) as error:
+        if became:
+            error.add_note(became)
+        raise

@@ -2,14 +2,13 @@
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Final
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
 from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import FINE, PROBLEM_FOUND
-from gateway.cli.show.operations import show_operations, show_parameters
 from gateway.config.problem import did_you_mean
 from gateway.errors import WrongQuestion
 from gateway.operator.operations.operation import Operation
@@ -103,3 +102,27 @@ def _told(operation: Operation[Any, Any], answer: Mapping[str, Any]) -> Any:
         return answer.get(operation.key)
     of_the_socket = {"version", "ok"} - {each.name for each in fields(operation.result)}
     return {name: each for name, each in answer.items() if name not in of_the_socket}
+
+
+def show_operations(operations: Iterable[Operation[Any, Any]]) -> str:
+    """List the operations, each with its parameters, the right that it needs, and where it is over HTTP."""
+    return "\n\n".join(map(_show, operations))
+
+
+def show_parameters(operation: Operation[Any, Any]) -> str:
+    """Say on one line what an operation must be told, and what it may be told."""
+    parameters = parameters_of(operation.parameters)
+    if not parameters:
+        return f"modbus-gateway ask {operation.name}"
+    told = ", ".join(f"{each.name} ({each.what}{'' if each.is_required else ', optional'})" for each in parameters)
+    return f"the parameters of {operation.name}: {told}"
+
+
+def _show(operation: Operation[Any, Any]) -> str:
+    where = "" if operation.path is None else f"; HTTP: {operation.method} /api/v1{operation.path}"
+    several = "; several answers" if operation.is_repeated else ""
+    lines = [operation.name, f"  {operation.summary}", f"  right: {operation.right}{where}{several}"]
+    parameters = parameters_of(operation.parameters)
+    width = max((len(each.name) for each in parameters), default=0)
+    lines += [f"    {each.name:{width}}  {each.what}{'' if each.is_required else ' (optional)'}" for each in parameters]
+    return "\n".join(lines)

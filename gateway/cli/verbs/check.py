@@ -12,8 +12,8 @@ from gateway.cli.show.check import check_as_json, check_as_text
 from gateway.cli.show.quotes import Quotes
 from gateway.config.documents.json_schema import json_schema
 from gateway.config.load import Loaded, load
-from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.machine.file_text import folder_of
+from gateway.config.machine.troubles import address_trouble
 from gateway.config.machine.unit_class import unit_trouble
 from gateway.config.plan.settings import Plan
 from gateway.control.path import folder_of_control

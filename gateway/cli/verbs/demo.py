@@ -15,9 +15,18 @@ from pathlib import Path
 from typing import Final
 
 from gateway import events
-from gateway.cli.demo.live import LIVE_LINES, LIVE_MAPPED, Login, make_login, page_config
-from gateway.cli.demo.past import made_up_day
-from gateway.cli.demo.past_events import made_up_events
+from gateway.cli.demo.live import (
+    LIVE_LINES,
+    LIVE_MAPPED,
+    Login,
+    invitation,
+    make_certificates,
+    make_login,
+    page_config,
+    tls_config,
+)
+from gateway.cli.demo.live import PORT as TLS_PORT
+from gateway.cli.demo.past import made_up_day, made_up_events
 from gateway.cli.demo.past_values import make_up_values
 from gateway.cli.demo.script import (
     CHAPTERS,
@@ -31,8 +40,6 @@ from gateway.cli.demo.script import (
     virtual_unit,
 )
 from gateway.cli.demo.stage import Stage
-from gateway.cli.demo.tls import PORT as TLS_PORT
-from gateway.cli.demo.tls import invitation, make_certificates, tls_config
 from gateway.cli.demo.traffic import traffic
 from gateway.cli.kit.daemon import usual_socket
 from gateway.cli.kit.progress import working

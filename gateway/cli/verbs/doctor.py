@@ -9,18 +9,22 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from gateway.cli.doctor.report_arguments import add_report_arguments
 from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.paint import red, yellow
 from gateway.cli.kit.progress import working
+from gateway.cli.kit.usage import baud, parsed_by
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
+from gateway.config.problem import WrongValue
+from gateway.config.values.character_format import parse_format
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
 from gateway.errors import DaemonError
-from gateway.operator.operations.asked import ToExamine
-from gateway.operator.operations.table import DOCTOR
+from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
+from gateway.operator.asked import ToExamine
+from gateway.operator.operations import DOCTOR
+from gateway.timing.characters import CharacterFormat
 from gateway.tools.outside import findings_about
 
 _PAINTS: Final[Mapping[str, Callable[[str], str]]] = {"fix": red, "note": yellow}
@@ -113,3 +117,32 @@ def _without_daemon(why: str, config: str | None) -> Finding:
         return Finding("note", "gateway", what, "systemctl start modbus-gateway")
     remedy = "start it: modbus-gateway run FILE; or look at its config: modbus-gateway doctor --config FILE"
     return Finding("fix", "gateway", why, remedy)
+
+
+def unit_number(text: str) -> int:
+    """Parse a unit on a serial line: a `type` for argparse.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none.
+    """
+    if not text.isdecimal() or not FIRST_UNIT <= int(text) <= HIGHEST_UNIT:
+        raise argparse.ArgumentTypeError(f'"{text}" is not a unit; units are {FIRST_UNIT} to {HIGHEST_UNIT}')
+    return int(text)
+
+
+def add_report_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the report."""
+    group: Any = parser.add_argument_group("a report about an adapter")
+    add = group.add_argument
+    add("--hardware-report", metavar="PORT", help="test the adapter of this serial port, and print a report")
+    add("--unit", type=unit_number, metavar="N", help="read this unit for it (default: nothing is sent)")
+    add("--baud", type=baud, default=19200, metavar="N", help="the rate of the unit (default 19200)")
+    usual = CharacterFormat(8, "E", 1)
+    add("--format", type=parsed_by(_format), default=usual, metavar="F", help=f"its format (default {usual})")
+
+
+def _format(text: object) -> CharacterFormat:
+    format_ = parse_format(text)
+    if format_.data_bits != 8:
+        raise WrongValue(f"RTU needs 8 data bits, and {format_} has {format_.data_bits}")
+    return format_

@@ -9,8 +9,7 @@ from pathlib import Path
 from gateway.cli.kit.daemon import CONTROL_VARIABLE, Conversation, which_gateway
 from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
-from gateway.cli.show.ages import Ages
-from gateway.cli.show.map import map_as_csv, map_as_json, map_as_text
+from gateway.cli.show.map import Ages, map_as_csv, map_as_json, map_as_text
 from gateway.cli.show.register_map import RegisterMap, register_map, units_with_maps
 from gateway.config.load import load
 from gateway.config.plan.settings import Plan

@@ -10,7 +10,7 @@ from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.profiles.adding import add_profile
 from gateway.cli.profiles.known import BrokenFileError, Known, Profiles, find_matching, list_as_json, list_as_text
 from gateway.cli.profiles.picture import picture_as_json, picture_as_text
-from gateway.config.documents.points_csv import points_csv
+from gateway.config.documents.points import points_csv
 from gateway.config.machine.profile_folders import OWN_PROFILES
 from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.timing.characters import CharacterFormat, LineTiming

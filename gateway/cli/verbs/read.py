@@ -12,13 +12,12 @@ from gateway.cli.kit.paint import red
 from gateway.cli.kit.usage import count, let_options_stand_anywhere, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.units.mbpoll import add_habits
-from gateway.cli.units.on_unit import run_on_unit
-from gateway.cli.units.reading import read_points
+from gateway.cli.units.on_unit import carry_out, run_on_unit
 from gateway.cli.units.unit import NoResponseError, Unit, add_unit_arguments
 from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, frames_as_text, picture, table
 from gateway.cli.units.words import Command, find_points
 from gateway.config.values.duration import parse_duration
-from gateway.operator.values.steps import Outcome
+from gateway.operator.values import Outcome, reading
 from gateway.profiles.point import NO_VALUE, Point
 
 #: How often to read when only the number of times is said, in seconds.
@@ -70,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _show(unit: Unit, points: Sequence[Point], args: argparse.Namespace) -> int:
     """Read once."""
-    outcome = read_points(unit, points)
+    outcome = carry_out(unit, reading(points, unit.read_rules, unit.holes))
     if args.json:
         print(as_json(_picture(unit, points, outcome, args), one_line=False))
     else:
@@ -85,7 +84,7 @@ def _show_repeatedly(unit: Unit, points: Sequence[Point], args: argparse.Namespa
     code, shown = FINE, ""
     for now in _times(args.interval or _USUAL_PACE, args.count):
         try:
-            outcome = read_points(unit, points)
+            outcome = carry_out(unit, reading(points, unit.read_rules, unit.holes))
         except NoResponseError as error:
             print(f"{now:%H:%M:%S}  {red(str(error))}", file=sys.stderr, flush=True)
             code = PROBLEM_FOUND

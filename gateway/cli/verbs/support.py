@@ -15,8 +15,8 @@ from gateway.cli.kit.progress import Progress, progress
 from gateway.cli.main import DEFAULT_CONFIG, FINE
 from gateway.cli.show.check import check_as_text
 from gateway.config.load import load
-from gateway.config.machine.address_trouble import address_trouble
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
+from gateway.config.machine.troubles import address_trouble
 from gateway.config.reading.masking import secrets_in
 from gateway.control.path import folder_of_control
 from gateway.errors import ConfigError, DaemonError

@@ -15,15 +15,16 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
 from gateway.config.problem import did_you_mean
 from gateway.errors import UsersError
-from gateway.readconfig.page_tokens import new_token, token_hash
 from gateway.readconfig.page_users import (
     ROLES,
     User,
     changing_users,
     hashed,
     is_user_name,
+    new_token,
     password_trouble,
     read_users,
+    token_hash,
 )
 
 #: Where the users are when no config says it.

@@ -5,16 +5,25 @@ import json
 import shutil
 import sys
 from dataclasses import replace
+from typing import Final
 
+from gateway.cli.kit.columns import align, narrow
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
+from gateway.cli.kit.paint import dim, red, yellow
 from gateway.cli.kit.usage import let_options_stand_anywhere
 from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
-from gateway.cli.show.known_values import values_as_text
-from gateway.operator.operations.answers.known_values import KnownValues
-from gateway.operator.operations.asked import KnownOf
-from gateway.operator.operations.table import VALUES
-from gateway.operator.values.values_csv import values_as_csv
+from gateway.config.values.duration import show_age
+from gateway.operator.answers.known_values import KnownValue, KnownValues
+from gateway.operator.asked import KnownOf
+from gateway.operator.operations import VALUES
+from gateway.operator.values_csv import values_as_csv
+
+_HEADINGS: Final = ("DEVICE", "POINT", "VALUE", "UNIT", "STATE", "AGE", "SOURCE")
+#: The columns that may be shortened.
+_FLEXIBLE: Final = (0, 1, 2, 6)
+#: From this age on tenths of a second do not matter, in milliseconds.
+_LONG: Final = 10_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,3 +77,32 @@ def _screen(known: KnownValues, width: int, device: str) -> Screen:
     devices = list(dict.fromkeys(each.name for each in known.values))
     shown = [each for each in known.values if device in ("", each.name)]
     return Screen(values_as_text(replace(known, values=shown), width).splitlines(), parts=devices)
+
+
+def values_as_text(known: KnownValues, width: int) -> str:
+    """Show values for people, `width` characters wide unless they are too long; and what to do if there is none."""
+    rows = [_HEADINGS, *(_row(each) for each in known.values)]
+    table = align(narrow(rows, _FLEXIBLE, width)) if known.values else ""
+    return "\n".join(filter(None, (table, known.hint))) or "no point can be read here: see the rows of [[access]]"
+
+
+def _row(each: KnownValue) -> tuple[str, ...]:
+    return (
+        each.name,
+        each.point,
+        each.text,
+        each.measure or "",
+        _painted(each.state),
+        _age(each.age_ms),
+        each.source or "",
+    )
+
+
+def _painted(state: str) -> str:
+    return {"invalid": red, "stale": yellow, "never": dim}.get(state, str)(state)
+
+
+def _age(age_ms: float | None) -> str:
+    if age_ms is None:
+        return ""
+    return f"{age_ms / 1000:.1f} s" if age_ms < _LONG else show_age(age_ms)

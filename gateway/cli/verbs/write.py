@@ -5,17 +5,16 @@ import sys
 from collections.abc import Sequence
 from typing import Any, Final
 
-from gateway.cli.kit.daemon import NOT_UNDERSTOOD, tell_which
+from gateway.cli.kit.daemon import tell_which
 from gateway.cli.kit.usage import WrongUsageError, let_options_stand_anywhere
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.units.mbpoll import add_habits
-from gateway.cli.units.on_unit import run_on_unit
+from gateway.cli.units.on_unit import carry_out, run_on_unit
 from gateway.cli.units.unit import Unit, add_unit_arguments
 from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, frames_as_text, picture, table
 from gateway.cli.units.words import Command, find_assignments
-from gateway.errors import DoesNotFit, GatewayError
-from gateway.modbus.functions import only_reads
-from gateway.operator.values.steps import NewValues, Outcome, Steps, writing
+from gateway.errors import DoesNotFit
+from gateway.operator.values import NewValues, Outcome, writing
 
 _ABOUT: Final = """\
 UNIT is a unit number or the name of a device. AREA is coils or holding.
@@ -64,35 +63,11 @@ def run(args: argparse.Namespace) -> int:
             raise WrongUsageError(wrong.what, wrong.remedy) from wrong
         if unit.gateway is not None:
             tell_which(unit.gateway)
-        outcome = _carry_out(unit, steps)
+        outcome = carry_out(unit, steps)
         _print(unit, outcome, args)
         return PROBLEM_FOUND if outcome.failures else FINE
 
     return run_on_unit("write", args, act)
-
-
-def _carry_out(unit: Unit, steps: Steps) -> Outcome:
-    """Send each request. An error says what became of the write.
-
-    Raises:
-        DoesNotFit: a value does not fit with the scale that was read before, or there is none.
-    """
-    became = ""
-    try:
-        step = next(steps)
-        while True:
-            is_write = not only_reads(step.pdu)
-            became = "the write may have been carried out" if is_write else became
-            answer = unit.ask(step)
-            became = "the write was carried out" if is_write else became
-            step = steps.send(answer)
-    except StopIteration as end:
-        outcome: Outcome = end.value
-        return outcome
-    except (GatewayError, *NOT_UNDERSTOOD) as error:
-        if became:
-            error.add_note(became)
-        raise
 
 
 def _print(unit: Unit, outcome: Outcome, args: argparse.Namespace) -> None:

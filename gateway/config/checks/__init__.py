@@ -1,13 +1,12 @@
 """Cross-checks: what no single key can tell. `config/check.py` calls them.
 
-- listeners, own_listeners, access, tls    where clients connect, and their rights
-- lines, retries, line_load    the keys of a line, repeats, and the time that polls need
+- listeners, access, tls    where clients connect, and their rights
+- lines, times    the keys of a line; repeats, leases, and the time that polls need
 - units, duplicates    one destination for each unit; names, ports and leases that are used once
 - profiles, reference_numbers    kinds of devices; addresses that may be numbers of a manual
-- points, point_places, point_values, point_writing    points: their names, places and values, and how they are written
+- points, point_values, point_writing    points: names and values, where they are, how they are read and written
 - images, maps, map_rows    images, mirrors and virtual units; the maps of these, and single rows
-- intervals    how often mirrors and virtual units read
 - upstreams    other servers
-- web, mqtt, fleet, lease    the add-ons
+- web, mqtt, fleet    the add-ons
 - embedding    what a program gives to a gateway that is a part of it
 """

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from gateway.config.checks.own_listeners import numbers_on
+from gateway.config.checks.listeners import numbers_on
 from gateway.config.checks.units import ONLY_HEARD, heard_units, not_configured, served_units
 from gateway.config.plan.access import access_row, networks_of, sites_of
 from gateway.config.plan.names import owners, rows_of

@@ -1,16 +1,16 @@
-"""Cross-checks of `[[image]]`: images, mirrors, virtual units and units made in Python."""
+"""Cross-checks of `[[image]]`: images, mirrors, virtual units, units made in Python; and how often they read."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Final
 
 from gateway.config.checks.maps import check_map
 from gateway.config.checks.units import claims, profile_of_row
 from gateway.config.plan.areas import initial_values, ranges_in
 from gateway.config.plan.images import OWN_VALUES, kind_of
-from gateway.config.plan.map_sources import cannot_be_polled
-from gateway.config.plan.names import device_names, owners, rows_of
+from gateway.config.plan.map_place import cannot_be_polled
+from gateway.config.plan.names import device_names, heard_on, owners, rows_of
 from gateway.config.plan.reach import client_lines, units_without_devices
-from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.problem import Path, Problem, did_you_mean, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.image import Image
 from gateway.config.schema.profile import ProfileTable
@@ -182,3 +182,32 @@ def _check_polled(image: Image, device: str, profile: ProfileTable) -> Iterator[
         found = (each for span in spans for each in cannot_be_polled(device, profile.functions, exist, span))
         for what, remedy in dict.fromkeys(found):
             yield error(path, what, remedy)
+
+
+def check_intervals(config: Config, failed: frozenset[str]) -> Iterator[Problem]:
+    """Find rows without `every`, rows that have it though others ask, and rows that would write there."""
+    if failed & {"line", "upstream"}:  # what is a device of a monitor line is not known
+        return
+    heard = heard_on(config)
+    for image in config.image:
+        for row in image.read if image.of is not None else ():
+            yield from _check(row.path, image.of, row.every, "500 ms", heard)
+        for mapped in image.map:
+            if mapped.device is None:
+                continue
+            yield from _check(mapped.path, mapped.device, mapped.every, "1 s", heard)
+            if mapped.write and mapped.device in heard:
+                what = f"nothing is ever sent on {heard[mapped.device]}: writes to this row are answered 0A"
+                yield warning((*mapped.path, "write"), what, "take it out")
+
+
+def _check(
+    path: Path, device: str | None, every: float | None, usual: str, heard: Mapping[str, str]
+) -> Iterator[Problem]:
+    line = heard.get(device or "")
+    if line is None:
+        if every is None:
+            yield error(path, "every is missing", f'say how often it is read, such as every = "{usual}"')
+    elif every is not None:
+        what = f"others ask {device}, and the gateway only listens on {line}: nothing is read there"
+        yield error((*path, "every"), what, "take it out: values come when they are heard")

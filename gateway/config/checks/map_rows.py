@@ -5,7 +5,7 @@ from typing import Final
 
 from gateway.config.plan.map_rows import EVERY_POINT
 from gateway.config.problem import Problem, error
-from gateway.config.schema.mapped import Mapped
+from gateway.config.schema.image import Mapped
 from gateway.modbus.codes import Area
 from gateway.registers.datatypes import BYTE_TYPES
 

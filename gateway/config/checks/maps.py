@@ -10,8 +10,7 @@ from gateway.config.plan.map_place import MapTarget
 from gateway.config.plan.map_rows import MapPart, PlannedRow
 from gateway.config.plan.virtual import Maps
 from gateway.config.problem import Path, Problem, did_you_mean, error, warning
-from gateway.config.schema.image import Image
-from gateway.config.schema.mapped import Mapped
+from gateway.config.schema.image import Image, Mapped
 from gateway.config.values.duration import show_duration
 from gateway.images.virtual.settings import MappedValue
 from gateway.modbus.codes import Area

@@ -4,7 +4,7 @@ import fnmatch
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from gateway.config.plan.mqtt import EXCLUDES, Publishable, names_device, names_point, publishable
+from gateway.config.plan.add_ons import EXCLUDES, Publishable, names_device, names_point, publishable
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema.config import Config

@@ -5,7 +5,7 @@ from fractions import Fraction
 from math import ceil, floor
 from typing import Final
 
-from gateway.config.checks.point_places import ITEMS
+from gateway.config.checks.point_writing import ITEMS
 from gateway.config.plan.points import bits_of, pattern, places_by_name, size_of, type_of
 from gateway.config.problem import Problem, did_you_mean, error
 from gateway.config.schema.profile import PointTable, ProfileTable

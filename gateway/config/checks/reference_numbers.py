@@ -12,8 +12,7 @@ from gateway.config.plan.areas import places_of, ranges_in
 from gateway.config.plan.names import device_names, owners, rows_of
 from gateway.config.problem import Path, Problem, warning
 from gateway.config.schema.config import Config
-from gateway.config.schema.image import Image
-from gateway.config.schema.mapped import Mapped
+from gateway.config.schema.image import Image, Mapped
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.profiles.profile import Range

@@ -1,14 +1,18 @@
-"""Reads the text of a config file, and says from where the paths in it count."""
+"""Reads the text of a config file, says from where the paths in it count, and whether the service may read it."""
 
 import os
 import stat
 from pathlib import Path
 from typing import Final
 
+from gateway.config.problem import Problem, warning
+
 #: The largest config, in bytes: a unit of a line is written in 100.
 MOST_BYTES: Final = 1024 * 1024
 #: What a path may lead to instead of a file, by the letter that `ls -l` shows for it.
 _NO_FILES: Final = {"p": "a FIFO", "d": "a directory", "c": "a device", "b": "a device", "s": "a socket"}
+#: Where the config of the service is.
+SERVICE_CONFIG: Final = Path("/etc/modbus-gateway")
 
 
 class UnreadableFile(Exception):  # noqa: N818 - it is the file that is wrong, not the program
@@ -72,3 +76,11 @@ def read_file_bytes(path: Path) -> bytes:
     if len(content) > MOST_BYTES:
         raise UnreadableFile(f"has more than {MOST_BYTES} bytes", "is it the right file?")
     return content
+
+
+def file_trouble(path: str, folder: Path = SERVICE_CONFIG) -> Problem | None:
+    """Warn of a file in the service's `folder` that not all users may read: the service has its own user."""
+    file = Path(path).absolute()
+    if file.parent != folder or file.stat().st_mode & stat.S_IROTH:
+        return None
+    return warning((), "the service may not be able to read this file", f"sudo chmod 644 {file}").located(path, 0, 0)

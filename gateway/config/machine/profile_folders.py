@@ -4,8 +4,7 @@ from os import lstat
 from pathlib import Path
 from typing import Final
 
-from gateway.config.machine.file_text import folder_of
-from gateway.config.machine.file_trouble import SERVICE_CONFIG
+from gateway.config.machine.file_text import SERVICE_CONFIG, folder_of
 from gateway.profiles import is_file_name
 
 #: The folder beside a config.

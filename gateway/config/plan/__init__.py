@@ -1,15 +1,13 @@
 """The settings of every part of a gateway, and what follows from them.
 
 - settings     the settings of all parts: what is in memory once the config is read
-- listeners, lines, images, profiles, access    these settings, made of the tables of the config
+- lines, images, profiles, access    these settings, made of the tables of the config
 - points, unit_points    points of a table, and of each unit
 - virtual, virtual_points    virtual units, and the points that follow from their rows
-- map_rows, map_place, map_sources, map_conversion    a row of them: where it stands, what it reads, how it is written
-- web, mqtt, fleet    the settings of the add-ons, made of their tables
+- map_rows, map_place, map_conversion    a row of them: where it stands, what it reads, how it is written
+- add_ons      the settings of `[web]`, `[mqtt]` and `[fleet]`, made of their tables
 - names, reach, areas    names of devices, which listener leads where, addresses by area: for the checks, too
-- wanted_polls    who wants to have polled what of the devices
-- outage        how long what is kept while the broker is away lasts
-- forecast, line_load    the time limits that follow, and the share of a line that polls take
+- forecast, line_load    the time limits that follow; who wants what to be polled, and what that takes of a line
 - rights_in_words    access rights for people
 - differences    how two plans differ: what a reload changes
 """

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final, Literal
 
-from gateway.config.plan.fleet import lease_of
+from gateway.config.plan.add_ons import lease_of
 from gateway.config.plan.names import Owner, device_names, keys_of, rows_of, unlisted_units
 from gateway.config.plan.profiles import guarded, only_written
 from gateway.config.plan.reach import listeners_for, own_units, units_without_devices

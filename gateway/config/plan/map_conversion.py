@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from gateway.config.plan.map_place import MapTarget, RowPlace, WrongRow
-from gateway.config.schema.mapped import Mapped
+from gateway.config.schema.image import Mapped
 from gateway.profiles.point import LARGEST_SCALE, Point, Writing
 from gateway.registers.datatypes import registers_of
 from gateway.registers.items import REGISTER, has_bits

@@ -5,10 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from gateway.config.plan.map_conversion import as_written, registers_as_they_are
-from gateway.config.plan.map_place import MapTarget, RowPlace, WrongRow
-from gateway.config.plan.map_sources import MapSource, cannot_be_polled
+from gateway.config.plan.map_place import MapSource, MapTarget, RowPlace, WrongRow, cannot_be_polled
 from gateway.config.problem import Problem, did_you_mean, error
-from gateway.config.schema.mapped import Mapped
+from gateway.config.schema.image import Mapped
 from gateway.images.polls import Poll
 from gateway.images.virtual.settings import FreshBits, MappedValue, SourceAge
 from gateway.modbus.codes import Area

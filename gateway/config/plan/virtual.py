@@ -5,9 +5,8 @@ from dataclasses import replace
 from functools import cached_property
 
 from gateway.config.plan.images import image_settings
-from gateway.config.plan.map_place import MapTarget
+from gateway.config.plan.map_place import MapTarget, map_sources
 from gateway.config.plan.map_rows import PlannedRow, planned_rows
-from gateway.config.plan.map_sources import map_sources
 from gateway.config.plan.settings import Plan
 from gateway.config.plan.unit_points import DevicePoints
 from gateway.config.plan.virtual_points import points_of_profile, points_of_rows

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Final
 
-from gateway.config.plan.map_sources import MapSource
+from gateway.config.plan.map_place import MapSource
 from gateway.config.plan.unit_points import points_in
 from gateway.config.values.names import LONGEST_NAME
 from gateway.images.virtual.settings import FreshBits, MappedValue, VirtualSettings

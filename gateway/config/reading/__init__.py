@@ -5,7 +5,7 @@
 - positions, source    where keys and values stand, and where a table does once it is read
 - given_table    a config that a program has made as a table, without text
 - syntax, wording    what is wrong with text that is no TOML, and with values, in words
-- masking, excerpt, comparing    a file without its secrets, single lines of it, and two files line by line
-- fingerprint  tells whether sites have the same config
+- masking, excerpt    a file without its secrets, and single lines of it
+- comparing    two files line by line, and whether sites have the same
 - toml_text    TOML, written
 """

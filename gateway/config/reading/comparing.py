@@ -1,5 +1,7 @@
-"""Two config files line by line, as they may be shown."""
+"""Two config files line by line, as they may be shown; and whether sites have the same one."""
 
+import hashlib
+import re
 from collections.abc import Iterator
 from difflib import unified_diff
 from typing import Final
@@ -9,6 +11,7 @@ from gateway.config.reading.masking import masked
 #: This many lines of a comparison are shown, and this many characters of each.
 MOST_LINES: Final = 400
 _LONGEST: Final = 500
+_DIGITS: Final = 12
 
 
 def shown(text: str) -> str:
@@ -32,3 +35,15 @@ def _cut(lines: Iterator[str]) -> Iterator[str]:
             yield "..."
             return
         yield line if len(line) <= _LONGEST else f"{line[:_LONGEST]}..."
+
+
+def fingerprint(text: str, site: str) -> str:
+    """Make 12 hexadecimal digits of a config file; empty for one that a program has made.
+
+    They are the same for two sites if their files differ only in comments, in secrets, and where the file has the name
+    of the site: as `site`, as its user, in names of files and leases.
+    """
+    in_use = shown(text)
+    if site:
+        in_use = re.sub(rf"(?<![\w-]){re.escape(site)}(?![\w-])", "SITE", in_use)
+    return hashlib.sha256(in_use.encode()).hexdigest()[:_DIGITS] if in_use else ""

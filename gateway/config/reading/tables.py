@@ -1,4 +1,4 @@
-"""Turns a TOML document into the tables of a config."""
+"""Turns a TOML document into the tables of a config. Listeners for another site get the upstream to it."""
 
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
@@ -11,11 +11,13 @@ from pydantic import ValidationError
 from gateway.config.problem import Path, Problem, error
 from gateway.config.reading.given_table import Unplaced
 from gateway.config.reading.positions import Positions
-from gateway.config.reading.sites import with_sites
 from gateway.config.reading.wording import not_text, unknown_key, value_problems
 from gateway.config.schema.config import PROFILE, Config
+from gateway.config.schema.listen import Listen
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.schema.table import Table, keys_of, row_model
+from gateway.config.schema.upstream import Upstream
+from gateway.config.values.site import Site
 
 
 def _sections(origin: type | None) -> Mapping[str, type[Table]]:
@@ -159,3 +161,23 @@ def _without(wrong: ValidationError, raw: object) -> dict[str, Any] | None:
             table = table[part]
         table.pop(last, None)
     return rest
+
+
+def with_sites(config: Config) -> Config:
+    """Make listeners for a site listeners for the upstream to it, which is added if the file does not have it."""
+    if not config.listen:
+        return config
+    upstreams = list(config.upstream)
+    listeners = tuple(_for_upstream(listen, upstreams) for listen in config.listen)
+    return config.model_copy(update={"listen": listeners, "upstream": tuple(upstreams)})
+
+
+def _for_upstream(listen: Listen, upstreams: list[Upstream]) -> Listen:
+    if listen.site is None or listen.line is not None or listen.upstream is not None:
+        return listen
+    site = Site(listen.site)
+    there = next((upstream for upstream in upstreams if site in upstream.to), None)
+    if there is None:
+        there = Upstream.model_validate({"to": str(site)}).placed(listen.path, listen.place)
+        upstreams.append(there)
+    return listen.model_copy(update={"site": None, "upstream": there.label})

@@ -2,7 +2,6 @@
 
 - config       all sections
 - listen, line, image, upstream, profile, access    what there may be several of
-- mapped       a row of a virtual unit
 - gateway      `[self]`, `[control]`, `[trace]` and `[log]`
 - web, mqtt, fleet    the add-ons
 - hub          the file of `fleet hub`

@@ -6,7 +6,7 @@ from pydantic import Field, PlainValidator
 
 from gateway.config.schema.table import Table
 from gateway.config.values.address import Address
-from gateway.config.values.hub import parse_control, parse_hub_address, parse_plain_path, parse_site_lease
+from gateway.config.values.fleet import parse_control, parse_hub_address, parse_plain_path, parse_site_lease
 from gateway.config.values.key_types import ListOf
 from gateway.config.values.site import parse_site
 

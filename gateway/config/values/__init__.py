@@ -1,8 +1,8 @@
 """The kinds of values that keys have: what a user writes becomes what parts are given.
 
 - key_types, kind    the types of keys, and what the documents say of each
-- address, port, networks, site, broker, fleet, hub    where something is
-- duration, size, limits, character_format    amounts
-- names, reserved_names, files, python_class    text
-- unitset, ranges, point_keys    units, addresses, points
+- address, port, networks, site, broker, fleet    where something is
+- duration, size, character_format    amounts
+- names, reserved_names, files    text
+- unitset, ranges, point_keys, profile_keys    units, addresses, points, kinds of devices
 """

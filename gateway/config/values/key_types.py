@@ -29,21 +29,20 @@ from gateway.config.values.duration import (
 from gateway.config.values.files import check_path, in_folder, parse_file, parse_token_file, secret_in_folder
 from gateway.config.values.fleet import parse_servers
 from gateway.config.values.kind import NUMBER, TRUTH, WORD, Kind, any_of, list_of, map_to, one_of, text
-from gateway.config.values.limits import parse_item, parse_limits
-from gateway.config.values.map_keys import parse_map_place, parse_when_stale
-from gateway.config.values.names import parse_name, parse_role
+from gateway.config.values.names import parse_name, parse_python_class, parse_role
 from gateway.config.values.networks import parse_networks, parse_networks_or_sites
 from gateway.config.values.point_keys import (
     parse_bits,
     parse_invalid,
     parse_labels,
+    parse_map_place,
     parse_point_addresses,
     parse_point_name,
+    parse_when_stale,
     parse_writing,
 )
 from gateway.config.values.port import VirtualPort, parse_line_port
-from gateway.config.values.profile_keys import parse_identity, parse_wide
-from gateway.config.values.python_class import parse_python_class
+from gateway.config.values.profile_keys import parse_identity, parse_item, parse_limits, parse_wide
 from gateway.config.values.ranges import parse_addresses, parse_ranges
 from gateway.config.values.site import Site, parse_lease_name, parse_other_servers, parse_site
 from gateway.config.values.size import parse_size_or_zero, show_size

@@ -1,5 +1,6 @@
-"""Names and roles, as text for people and logs."""
+"""Names and roles, as text for people and logs, and the name of a class in Python, `module:Name`."""
 
+import re
 from typing import Final
 
 from gateway.config.problem import NotText, WrongValue
@@ -7,6 +8,11 @@ from gateway.tls.certificate import LONGEST_ROLE
 
 #: The longest name, in characters.
 LONGEST_NAME: Final = 64
+_EXAMPLE: Final = 'write the module and its class, such as "clock:Clock"'
+_IDENTIFIER: Final = r"[^\W\d]\w*"
+_CLASS: Final = re.compile(rf"{_IDENTIFIER}(\.{_IDENTIFIER})*:{_IDENTIFIER}")
+#: A path of a file, or a module with `.` before its class.
+_NEARLY: Final = re.compile(rf"(?P<module>{_IDENTIFIER}(\.{_IDENTIFIER})*?)(\.py)?[:.](?P<name>{_IDENTIFIER})")
 
 
 def parse_name(value: object) -> str:
@@ -35,3 +41,22 @@ def parse_role(value: object) -> str:
     if len(value) > LONGEST_ROLE or not value.isprintable():
         raise WrongValue(f"must have at most {LONGEST_ROLE} visible characters")
     return value
+
+
+def parse_python_class(value: object) -> str:
+    """Parse `module:Name`; nothing is imported.
+
+    Raises:
+        WrongValue: it is not of this form.
+    """
+    if not isinstance(value, str):
+        raise NotText
+    if _CLASS.fullmatch(value) and ".py:" not in value:
+        return value
+    if "/" in value:
+        raise WrongValue("names a module, not a file", _EXAMPLE)
+    nearly = _NEARLY.fullmatch(value)
+    remedy = _EXAMPLE
+    if nearly is not None and nearly["name"] != "py":
+        remedy = f'did you mean "{nearly["module"]}:{nearly["name"]}"?'
+    raise WrongValue(f'"{value}" is not module:Name', remedy)

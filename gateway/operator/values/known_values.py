@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from gateway.clock.slices import in_slices
 from gateway.clock.times import rfc_3339
-from gateway.config.plan.wanted_polls import wanted_polls
+from gateway.config.plan.line_load import wanted_polls
 from gateway.devices.device import Device
 from gateway.images.polls import Poll
 from gateway.lines.last_reads import LastRead

@@ -8,8 +8,7 @@ from aiohttp import web
 
 from gateway.events import Emit, WebLogin, WebLoginFailed
 from gateway.listeners.share_keys import ShareKeys
-from gateway.readconfig.page_tokens import token_hash
-from gateway.readconfig.page_users import User
+from gateway.readconfig.page_users import User, token_hash
 from gateway.web.access.sessions import IDLE_TIME, MOST_SESSIONS, Attempts
 from gateway.web.access.user_table import UserTable
 from gateway.web.front.problems import ProblemError

@@ -1,6 +1,6 @@
 """The events that the demo makes up: those of the day that it makes up, and none of them is still true."""
 
-from gateway.cli.demo.past_events import made_up_events
+from gateway.cli.demo.past import made_up_events
 from gateway.events import Level
 from gateway.observe.last_events import LastEvents
 

@@ -6,9 +6,8 @@ import sys
 import pytest
 
 from gateway.cli.kit.cells import cut, padded, width_of, wrapped
-from gateway.cli.kit.columns import align, narrow
+from gateway.cli.kit.columns import Table, align, narrow
 from gateway.cli.kit.paint import badness, dim, escaped, for_terminal, plain, red, yellow
-from gateway.cli.kit.table import Table
 from gateway.cli.kit.terminal import no_control_characters
 from gateway.cli.main import PROBLEM_FOUND, WRONG_USAGE, main
 

@@ -6,8 +6,7 @@ import json
 import pytest
 
 from gateway.cli.main import FINE, PROBLEM_FOUND, WRONG_USAGE, main
-from gateway.readconfig.page_tokens import token_hash
-from gateway.readconfig.page_users import is_password, read_users
+from gateway.readconfig.page_users import is_password, read_users, token_hash
 
 
 @pytest.fixture

@@ -1,8 +1,7 @@
 import pytest
 
 from deploy.profile_pages import FOLDER, page, pages, write_pages
-from gateway.config.documents.point_rows import identity_text
-from gateway.config.documents.points_csv import number_text
+from gateway.config.documents.points import identity_text, number_text
 from gateway.config.schema.profile import ProfileTable
 from gateway.profiles import shipped_names
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.config.machine.address_trouble import address_trouble
+from gateway.config.machine.troubles import address_trouble
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1"])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.config.machine.file_trouble import file_trouble
+from gateway.config.machine.file_text import file_trouble
 
 
 @pytest.fixture

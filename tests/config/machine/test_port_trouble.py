@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config.machine.port_trouble import port_trouble
+from gateway.config.machine.troubles import port_trouble
 
 
 def test_a_character_device_that_this_user_may_open_is_no_trouble():
@@ -33,6 +33,6 @@ def test_a_port_that_this_user_may_not_open(monkeypatch):
 
 def test_a_port_of_the_group_of_the_service(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    monkeypatch.setattr("gateway.config.machine.port_trouble.find_group", lambda port: "dialout")
+    monkeypatch.setattr("gateway.config.machine.troubles.find_group", lambda port: "dialout")
     monkeypatch.setattr(Path, "stat", lambda path: os.stat_result((stat.S_IFCHR | 0o660, *[0] * 9)))
     assert port_trouble("/dev/ttyUSB0") == "this user may not open it, the service may: it is in the group dialout"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gateway.config.plan.outage import longest_outage
+from gateway.config.plan.add_ons import longest_outage
 from gateway.config.plan.settings import MqttPlan
 from gateway.config.values.broker import parse_broker
 from gateway.modbus.codes import Area

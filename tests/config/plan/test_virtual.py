@@ -5,10 +5,10 @@ from textwrap import dedent
 import pytest
 
 from gateway.config.load import parse
+from gateway.config.plan.add_ons import publishable
 from gateway.config.plan.differences import differences
 from gateway.config.plan.forecast import longest_waits, waits_behind
 from gateway.config.plan.line_load import load_of
-from gateway.config.plan.mqtt import publishable
 from gateway.config.resolve import resolve
 from gateway.images.polls import Poll
 from gateway.images.virtual.settings import FreshBits, SourceAge

@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.config.problem import WrongValue
-from gateway.config.values.python_class import parse_python_class
+from gateway.config.values.names import parse_python_class
 
 
 @pytest.mark.parametrize("text", ["clock:Clock", "plant.units.clock:Clock", "uhr_2:Zähler"])

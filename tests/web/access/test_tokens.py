@@ -8,7 +8,7 @@ from ipaddress import ip_network
 
 import pytest
 
-from gateway.readconfig.page_tokens import new_token, token_hash
+from gateway.readconfig.page_users import new_token, token_hash
 from gateway.web.access.sessions import FAILURES_COUNT_FOR, IDLE_TIME, MOST_FAILURES
 from kit.browser import PASSWORD, USERS, web_bench
 

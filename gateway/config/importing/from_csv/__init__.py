@@ -6,5 +6,5 @@
 - place        addresses and reference numbers
 - words        what manuals call areas, types, word orders and access
 - numbers      numbers as spreadsheets have them
-- row          a row as a point; layout and labels are parts of it
+- row          a row as a point; layout is a part of it
 """

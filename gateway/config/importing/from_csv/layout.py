@@ -1,5 +1,6 @@
-"""How the registers of a row carry its value: their number, the type, and the bits that count."""
+"""How the registers of a row carry its value: number, type, the bits that count; and labels of numbers."""
 
+import json
 import re
 from typing import Final
 
@@ -8,11 +9,20 @@ from gateway.config.importing.from_csv.words import TypeWords
 from gateway.config.importing.imported import ImportedFileError
 from gateway.config.reading.toml_text import Value
 from gateway.modbus.codes import Area
+from gateway.profiles.columns import labels_of
 from gateway.registers.items import has_bits
 
 _BITS_OF_WHOLE: Final = (8, 16, 32, 64)
 _BITS_OF_FLOAT: Final = (32, 64)
 _BITS_OF_BCD: Final = (16, 32)
+#: Longer cells are read by people only.
+_LONGEST: Final = 3000
+_KEY: Final = re.compile(r"-?(?:0x[0-9a-f]+|\d+)", re.IGNORECASE)
+#: Labels as people write them, without an `=`: 0: off, 1: running.
+_LABEL: Final = re.compile(
+    r"(-?(?:0x[0-9a-f]+|\d+))\s*[:：=\-–→]+\s*(.*?)\s*(?:[;,/、，；\n]+\s*|\s+)(?=-?(?:0x[0-9a-f]+|\d+)\s*[:：=\-–→]|$)",
+    re.IGNORECASE | re.DOTALL,
+)
 
 
 def type_keys_of(
@@ -79,3 +89,27 @@ def _registers(length: str, heading: str) -> int | None:
     if what.startswith("bit"):
         return max(1, number // 16)
     return max(1, number // 2) if "byte" in what or "字节" in what else number
+
+
+def labels_in(cell: str) -> dict[str, Value]:
+    """Parse labels as `profile NAME --csv` writes them, or as people do; none if it is something else."""
+    if len(cell) > _LONGEST:
+        return {}
+    labels: dict[str, Value] = {number: text for number, text in labels_of(cell) if text}
+    if not labels or not all(_KEY.fullmatch(number) for number in labels):
+        found = _json_labels(cell) if cell.startswith("{") else dict(_LABEL.findall(f"{cell}\n"))
+        has_words = len(found) > 1 and all(re.search(r"[^\W\d]", str(text)) for text in found.values())
+        labels = found if has_words else {}  # 0-100 is a range
+    texts = list(labels.values())
+    is_usable = len(set(map(str, texts))) == len(texts) and all(
+        isinstance(text, str) and text.strip() for text in texts
+    )
+    return labels if is_usable else {}
+
+
+def _json_labels(cell: str) -> dict[str, Value]:
+    try:
+        found = json.loads(cell)
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) and all(map(_KEY.fullmatch, found)) else {}

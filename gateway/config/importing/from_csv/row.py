@@ -7,8 +7,7 @@ from decimal import Decimal
 from typing import Final, get_args
 
 from gateway.config.importing.from_csv.headings import DESCRIPTION, DIVISOR, EXPONENT, FUNCTION, Columns
-from gateway.config.importing.from_csv.labels import labels_in
-from gateway.config.importing.from_csv.layout import bits_of, type_keys_of
+from gateway.config.importing.from_csv.layout import bits_of, labels_in, type_keys_of
 from gateway.config.importing.from_csv.numbers import factor_of, number_of, scaled_unit
 from gateway.config.importing.from_csv.place import Addressing, Place
 from gateway.config.importing.from_csv.words import (

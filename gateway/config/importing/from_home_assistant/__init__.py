@@ -1,12 +1,11 @@
 """A config out of the `modbus:` section of Home Assistant: lines, upstreams, devices, and their points.
 
-- config       the whole: a file in, a config out
+- config       the whole: a file in, a config out, with the [mqtt] with which its entities come back
 - document     YAML with Home Assistant's tags, and where everything stands
 - fields       the keys of a table
 - hub, device  a connection as a line or an upstream, and what is behind it
-- kinds, entities, climate       what it shows and switches, as points
+- entities     what it shows and switches, as points
 - layout       data types, structures and swaps
-- publishing   the [mqtt] with which its entities come back
 
 Its format and its defaults are those of the documentation and the schema of its integration "modbus".
 """

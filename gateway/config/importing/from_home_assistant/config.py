@@ -1,16 +1,15 @@
-"""A config out of the `modbus:` section of Home Assistant's, or of a file that has only that."""
+"""A config out of the `modbus:` section of Home Assistant, and the [mqtt] with which its entities come back."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final
 
 from gateway.config.importing.from_home_assistant.device import DevicePart, Taken
 from gateway.config.importing.from_home_assistant.document import Documents
 from gateway.config.importing.from_home_assistant.hub import hub_parts
-from gateway.config.importing.from_home_assistant.publishing import suggestion
 from gateway.config.importing.imported import Imported, ImportedFileError, read_file
 from gateway.config.importing.points import Check, ProfilePart, write
 from gateway.config.importing.yaml_text import Table
-from gateway.config.reading.toml_text import TableText
+from gateway.config.reading.toml_text import TableText, Value, value_text
 
 _SECTION: Final = "modbus"
 #: What the suggestion at the end needs at the top.
@@ -51,3 +50,36 @@ def _hubs(documents: Documents) -> list[Any]:
     if not hubs or hubs == [None]:
         raise ImportedFileError(f"{documents.file}: there is no {_SECTION}: in it")
     return hubs
+
+
+def suggestion(devices: Iterable[DevicePart]) -> tuple[str, ...]:
+    """Write the lines of the suggestion; none if nothing is read."""
+    rows = [row for device in devices for row in _rows(device)]
+    if not rows:
+        return ()
+    can_write = any("write" in keys for device in devices for keys in _points(device).values())
+    return (
+        "With these lines, and the address of the broker, all points come back to Home Assistant by MQTT discovery.",
+        "Its own modbus: section must not ask the same devices then.",
+        "[mqtt]",
+        'broker         = "mqtt://127.0.0.1:1883"',
+        "home_assistant = true",
+        *(["write          = true"] if can_write else []),
+        "publish        = [",
+        *(f"  {value_text(row)}," for row in rows),
+        "]",
+    )
+
+
+def _points(device: DevicePart) -> dict[str, dict[str, Value]]:
+    return {str(point.keys["name"]): point.keys for point in device.profile.points if point.keys is not None}
+
+
+def _rows(device: DevicePart) -> Iterator[dict[str, Value]]:
+    """Make a row for the points that are asked equally often; Home Assistant's 0 is never."""
+    names = [name for name in _points(device) if device.intervals[name]]
+    intervals = sorted({device.intervals[name] for name in names})
+    for interval in intervals:
+        some: list[Value] = [name for name in names if device.intervals[name] == interval]
+        points: dict[str, Value] = {} if len(some) == len(_points(device)) else {"points": some}
+        yield {"device": device.name, **points, "every": f"{interval} s"}

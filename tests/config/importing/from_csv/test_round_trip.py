@@ -5,7 +5,7 @@ import io
 
 import pytest
 
-from gateway.config.documents.points_csv import points_csv
+from gateway.config.documents.points import points_csv
 from gateway.config.importing.from_csv.profile import profile_from_csv
 from gateway.config.load import parse
 from gateway.config.plan.points import points_of
