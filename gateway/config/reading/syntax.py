@@ -4,7 +4,6 @@ import re
 import tomllib
 from collections.abc import Callable, Container, Mapping
 
-from pydantic import PlainValidator
 from pydantic.fields import FieldInfo
 
 from gateway.config.problem import Problem, error
@@ -12,6 +11,7 @@ from gateway.config.reading.masking import is_secret
 from gateway.config.reading.positions import STRING
 from gateway.config.reading.toml_text import value_text
 from gateway.config.schema.table import Table
+from gateway.config.values.kind import Kind
 
 #: A key and a value without quotes, in a line that is not TOML.
 _BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")
@@ -179,7 +179,7 @@ def write_truth(key: str, written: str) -> str:
 
 def _is_number(field: FieldInfo) -> bool:
     """Tell whether a value is written as a number: a duration is read from text."""
-    is_read_from_text = any(isinstance(each, PlainValidator) for each in field.metadata)
+    is_read_from_text = any(isinstance(each, Kind) and each.parse is not None for each in field.metadata)
     return field.annotation in (int, float) and not is_read_from_text
 
 

@@ -7,11 +7,9 @@ from pydantic import Field, PlainValidator
 from gateway.config.schema.table import Table
 from gateway.config.values.address import Address
 from gateway.config.values.fleet import parse_control, parse_hub_address, parse_plain_path, parse_site_lease
-from gateway.config.values.key_types import ListOf
-from gateway.config.values.site import parse_site
+from gateway.config.values.key_types import ListOf, SiteName
 
-_Site = Annotated[str, PlainValidator(parse_site)]
-_Sites = Annotated[tuple[_Site, ...], ListOf]
+_Sites = Annotated[tuple[SiteName, ...], ListOf]
 _Lease = Annotated[str, PlainValidator(parse_site_lease)]
 _Path = Annotated[str, PlainValidator(parse_plain_path)]
 _HubAddress = Annotated[Address, PlainValidator(parse_hub_address)]

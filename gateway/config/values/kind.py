@@ -1,22 +1,30 @@
-"""What kinds of value are called in the documentation, and what they look like for an editor."""
+"""What kinds of value are called in the documentation, what they look like for an editor, and how they are read."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from pydantic import GetJsonSchemaHandler
-from pydantic_core import CoreSchema
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, core_schema
 
 Schema = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """How the documentation calls a kind of value, its JSON Schema, and how a file shows one."""
+    """How the documentation calls a kind of value, its JSON Schema, and how a file shows one.
+
+    `parse` reads what a user wrote, or raises WrongValue; without it pydantic reads the type itself.
+    """
 
     name: str
     schema: Schema = field(hash=False)
+    parse: Callable[[Any], Any] | None = None
     show: Callable[[Any], str] = str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return what reads a value."""
+        return handler(source) if self.parse is None else core_schema.no_info_plain_validator_function(self.parse)
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> Schema:
         """Return the schema: pydantic cannot know it of what a function reads."""
