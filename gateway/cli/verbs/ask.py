@@ -35,11 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask and print the answer; 1 if it is that of a reload whose file was rejected.
-
-    Raises:
-        DaemonError: no gateway answers, or it refuses.
-    """
+    """Ask and print the answer; 1 if it is that of a reload whose file was rejected."""
     if args.name is None:
         print(show_operations(BY_NAME.values()))
         return FINE

@@ -44,11 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, and print both rates; 1 when a read failed.
-
-    Raises:
-        DaemonError: no gateway answers, or it cannot read there.
-    """
+    """Measure, and print both rates; 1 when a read failed."""
     unit = int(args.unit) if args.unit is not None and args.unit.isdecimal() else args.unit
     with Conversation(which_gateway(args)) as daemon:
         daemon.wait_for(args.seconds + _SLACK)

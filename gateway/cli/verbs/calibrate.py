@@ -59,11 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and print; 1 when nothing was measured.
-
-    Raises:
-        GatewayError: the device cannot be asked for, or the file cannot be written.
-    """
+    """Measure and print; 1 when nothing was measured."""
     if args.write and not args.active:
         raise WrongUsageError("--write is for --active", "add --active, or leave out --write")
     with Conversation(which_gateway(args)) as daemon:

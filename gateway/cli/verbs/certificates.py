@@ -61,11 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make, revoke or list certificates; 2 for wrong usage.
-
-    Raises:
-        TlsError: openssl is missing, or a file cannot be read or written.
-    """
+    """Make, revoke or list certificates; 2 for wrong usage."""
     makers = {"authority": _authority, "server": _server, "client": _client, "revoke": _revoke, "list": _list}
     makers[args.what](Path(args.folder), args)
     return FINE

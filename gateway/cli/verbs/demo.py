@@ -85,12 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the demo; 1 if a response was wrong.
-
-    Raises:
-        DemoError: a simulator or the gateway did not start.
-        TlsError: certificates cannot be made.
-    """
+    """Run the demo; 1 if a response was wrong."""
     return run_exactly(_until_signal(once=args.once, tls=args.tls))
 
 

@@ -53,12 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the findings; 1 if something needs fixing.
-
-    Raises:
-        DaemonError: the gateway refuses the question, or there is no such line.
-        ReportError: the port to report on cannot be opened.
-    """
+    """Print the findings; 1 if something needs fixing."""
     if args.hardware_report:
         from gateway.cli.doctor.hardware_report import make_report  # noqa: PLC0415 - opens a port in an event loop
 

@@ -45,11 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what has happened; with `-f` also what happens until Ctrl-C, or until the gateway stops.
-
-    Raises:
-        DaemonError: the gateway cannot be reached, or knows no such line or unit.
-    """
+    """Print what has happened; with `-f` also what happens until Ctrl-C, or until the gateway stops."""
     unit = args.unit
     chosen = ToList(
         level="warning" if args.worst else "info",

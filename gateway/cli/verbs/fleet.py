@@ -65,11 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the folder `hub`, and say what to do next; 1 if the file has a problem.
-
-    Raises:
-        FleetError: a file in the folder is not what it must be, or the signing library is not installed.
-    """
+    """Write the folder `hub`, and say what to do next; 1 if the file has a problem."""
     file = Path(args.file)
     read = _read(file)
     for problem in read.problems:

@@ -21,11 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Forget, and print where the device is asked now.
-
-    Raises:
-        DaemonError: no gateway answers, or it refuses.
-    """
+    """Forget, and print where the device is asked now."""
     device = int(args.device) if args.device.isdecimal() else args.device
     with Conversation(which_gateway(args)) as daemon:
         tell_which(daemon.gateway)

@@ -30,11 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what becomes of it, and say what is left out; 1 if something is.
-
-    Raises:
-        ImportedFileError: no file can be read and understood.
-    """
+    """Print what becomes of it, and say what is left out; 1 if something is."""
     _check_usage(args)
     with working("reading"):
         imported = _imported(args)

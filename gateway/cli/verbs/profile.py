@@ -39,11 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print or add a profile, or print the list; 1 if a file has errors, 2 if there is no such profile.
-
-    Raises:
-        ConfigError: a file cannot be written.
-    """
+    """Print or add a profile, or print the list; 1 if a file has errors, 2 if there is no such profile."""
     try:
         return _run(args)
     except BrokenFileError as broken:

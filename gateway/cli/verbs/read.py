@@ -53,11 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read and print; 1 when a unit answers with an exception, 2 when it is not clear what is meant.
-
-    Raises:
-        GatewayError: the unit cannot be asked.
-    """
+    """Read and print; 1 when a unit answers with an exception, 2 when it is not clear what is meant."""
 
     def act(unit: Unit, command: Command, words: Sequence[str]) -> int:
         points = find_points(command, words)

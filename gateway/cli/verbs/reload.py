@@ -24,11 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Reload, and print what has changed; 1 if the file was rejected or an error occurred.
-
-    Raises:
-        DaemonError: no gateway answers.
-    """
+    """Reload, and print what has changed; 1 if the file was rejected or an error occurred."""
     with Conversation(which_gateway(args)) as daemon:
         tell_which(daemon.gateway)
         with working("the gateway reads its config"):

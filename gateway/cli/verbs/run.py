@@ -19,12 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until SIGTERM or SIGINT.
-
-    Raises:
-        ConfigError: the config could not be read, whatever it says.
-        ListenError, StateError, TlsError: as `run_daemon`.
-    """
+    """Run until SIGTERM or SIGINT."""
     _dump_no_core()
     if sys.stderr is not None:
         faulthandler.enable()  # print a traceback if the watchdog ends the process

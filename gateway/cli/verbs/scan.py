@@ -64,11 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Scan and print who was found; 1 when nobody was, or two devices have one address.
-
-    Raises:
-        GatewayError: the line cannot be scanned.
-    """
+    """Scan and print who was found; 1 when nobody was, or two devices have one address."""
     with ExitStack() as parts:
         line = parts.enter_context(progress())
 

@@ -92,11 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate until SIGINT or SIGTERM; 2 if the devices cannot be on one line.
-
-    Raises:
-        PortError: the port cannot be created at the path, or the address cannot be used.
-    """
+    """Simulate until SIGINT or SIGTERM; 2 if the devices cannot be on one line."""
     end = asyncio.Event()
     try:
         groups = find_groups(((name, units or args.unit) for name, units in args.profile), args.config)

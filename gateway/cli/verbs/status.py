@@ -34,11 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the gateway's status.
-
-    Raises:
-        DaemonError: no gateway answers.
-    """
+    """Print the gateway's status."""
     if (args.csv or args.all) and not args.fleet:
         raise WrongUsageError(f"--{'csv' if args.csv else 'all'} needs --fleet")
     if args.csv:

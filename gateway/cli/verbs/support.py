@@ -52,11 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the bundle, and say what is in it and what is missing.
-
-    Raises:
-        ConfigError: the file exists, or cannot be written.
-    """
+    """Write the bundle, and say what is in it and what is missing."""
     file = Path(args.file)
     if os.path.lexists(file) and not args.force:
         raise ConfigError(f"{file} exists; name another file, or replace it with --force")

@@ -66,11 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show what passes until Ctrl-C, or what has passed; 1 when there is no story to tell.
-
-    Raises:
-        DaemonError: the gateway cannot be reached, keeps nothing, or knows no such line or unit.
-    """
+    """Show what passes until Ctrl-C, or what has passed; 1 when there is no story to tell."""
     _refuse_what_does_not_fit(args)
     with Conversation(which_gateway(args)) as daemon:
         if args.why is not None:

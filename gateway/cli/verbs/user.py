@@ -69,11 +69,7 @@ def _let_a_name_with_token_mean_add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Change or list the users; 2 for wrong usage.
-
-    Raises:
-        UsersError: the file cannot be read or written.
-    """
+    """Change or list the users; 2 for wrong usage."""
     file = Path(args.file or _file_of_config() or DEFAULT_FILE)
     try:
         return {"add": _add, "remove": _remove, "password": _password, "list": _list}[args.what](file, args)

@@ -38,11 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what is known of the points.
-
-    Raises:
-        DaemonError: no gateway answers, or it has no such device.
-    """
+    """Print what is known of the points."""
     if args.json or args.csv:
         repeat(lambda: _for_programs(args), is_watched=args.watch)
     elif args.watch:

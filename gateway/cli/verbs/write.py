@@ -47,11 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write and print; 1 when the unit answers with an exception, 2 when what is meant is not clear or does not fit.
-
-    Raises:
-        GatewayError: the unit cannot be asked.
-    """
+    """Write and print; 1 when the unit answers with an exception, 2 when what is meant is not clear or does not fit."""
 
     def act(unit: Unit, command: Command, words: Sequence[str]) -> int:
         assigned = find_assignments(command, words)

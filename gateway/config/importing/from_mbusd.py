@@ -111,11 +111,7 @@ class _Settings:
 
 
 def config_from_mbusd(files: Sequence[str], read: Callable[[str], str] = read_file) -> Imported:
-    """Write the config that does what mbusd does with these `files`.
-
-    Raises:
-        ImportedFileError: none of them can be used.
-    """
+    """Write the config that does what mbusd does with these `files`."""
     taken = Taken()
     return gather((f"From mbusd: {', '.join(files)}",), (_tables(file, read, taken) for file in files))
 

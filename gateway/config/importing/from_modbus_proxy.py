@@ -47,11 +47,7 @@ _SAME_PROTOCOL: Final = "as before, clients use the protocol of the device; for 
 
 
 def config_from_modbus_proxy(file: str, text: str) -> Imported:
-    """Write the config that does what modbus-proxy does with this `file`, which has this `text`.
-
-    Raises:
-        ImportedFileError: nothing of it can be used.
-    """
+    """Write the config that does what modbus-proxy does with this `file`, which has this `text`."""
     document, taken = _document(file, text), Taken()
     tables = [*enumerate(document["devices"], start=1)]
     remapped = (number for number, table in tables if isinstance(table, dict) and table.get("unit_id_remapping"))

@@ -36,11 +36,7 @@ class Imported(NamedTuple):
 
 
 def gather(comments: tuple[str, ...], parts: Iterable[Iterator[TableText]]) -> Imported:
-    """Write the config of these `parts`, below these comments. A comment takes the place of a part that cannot be used.
-
-    Raises:
-        ImportedFileError: none can.
-    """
+    """Write the config of these `parts`, below these comments; a comment in place of a part that cannot be used."""
     tables: list[TableText] = []
     left_out: list[str] = []
     for part in parts:
@@ -55,11 +51,7 @@ def gather(comments: tuple[str, ...], parts: Iterable[Iterator[TableText]]) -> I
 
 
 def read_file(path: str) -> str:
-    """Read the text of a file.
-
-    Raises:
-        ImportedFileError: it cannot be read.
-    """
+    """Read the text of a file."""
     try:
         return read_file_text(Path(path))
     except UnreadableFile as wrong:
@@ -67,11 +59,7 @@ def read_file(path: str) -> str:
 
 
 def read_bytes(path: str) -> bytes:
-    """Read a file that may be no UTF-8 text.
-
-    Raises:
-        ImportedFileError: it cannot be read.
-    """
+    """Read a file that may be no UTF-8 text."""
     try:
         return read_file_bytes(Path(path))
     except UnreadableFile as wrong:
@@ -95,11 +83,7 @@ class Taken:
         return name
 
     def take(self, bind: Address, target: str | Address, where: str) -> None:
-        """Take the address where clients connect, and the port or server that it leads to, for what stands `where`.
-
-        Raises:
-            ImportedFileError: something else has one of them, or the gateway would ask itself.
-        """
+        """Take the address where clients connect, and the port or server that it leads to, for what stands `where`."""
         if target in self._targets and not (isinstance(target, Address) and target.scheme == "tcp"):
             raise ImportedFileError(f"{where}: {target} is the port of {self._targets[target]} too")
         # Of port 0 there may be many, but each listener is named by its address.
@@ -113,21 +97,13 @@ class Taken:
 
 
 def listen_address(scheme: str, host: str, port: int, where: str) -> Address:
-    """Make the address where clients connect: "", "0" and "*" stand for every IPv4 address.
-
-    Raises:
-        ImportedFileError: it is no address.
-    """
+    """Make the address where clients connect: "", "0" and "*" stand for every IPv4 address."""
     host = "0.0.0.0" if host in ("", "0", "*") else host  # noqa: S104 - as the other program does
     return address(scheme, host, port, where)
 
 
 def address(scheme: str, host: str, port: int, where: str) -> Address:
-    """Make the address of a server.
-
-    Raises:
-        ImportedFileError: it is not valid.
-    """
+    """Make the address of a server."""
     try:
         found = parse_address(str(Address(scheme, host.strip("[]"), port)), (scheme,))
     except WrongValue as wrong:

@@ -121,9 +121,6 @@ def write(
     """Write the config with these parts. Points that it may not have become comments in their places.
 
     `file` stands before the places of points, unless these name it themselves.
-
-    Raises:
-        ImportedFileError: no point can be used.
     """
     profiles = {part.name: part for part in parts if isinstance(part, ProfilePart)}
     for _ in range(_ROUNDS):

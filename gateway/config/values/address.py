@@ -104,11 +104,7 @@ def _elsewhere(scheme: str, schemes: tuple[str, ...]) -> str:
 
 
 def parse_address(value: object, schemes: tuple[str, ...]) -> Address:
-    """Parse an address with one of `schemes`.
-
-    Raises:
-        WrongValue: `value` is not such an address.
-    """
+    """Parse an address with one of `schemes`."""
     example = f"{schemes[0]}://127.0.0.1:{DEFAULT_PORTS.get(schemes[0], 5020)}"
     match = _ADDRESS.fullmatch(value) if isinstance(value, str) else None
     if match is None:

@@ -49,11 +49,7 @@ class Sparkplug:
 
 
 def parse_broker(value: object) -> Broker:
-    """Parse the address of a broker.
-
-    Raises:
-        WrongValue: it is not valid.
-    """
+    """Parse the address of a broker."""
     if not isinstance(value, str):
         raise NotText
     scheme, _, rest = value.partition("://")
@@ -72,11 +68,7 @@ def parse_broker(value: object) -> Broker:
 
 
 def parse_password(value: object) -> SecretFile:
-    """Parse the file with a password, or the name of a credential that systemd hands to the service.
-
-    Raises:
-        WrongValue: it is neither.
-    """
+    """Parse the file with a password, or the name of a credential that systemd hands to the service."""
     match value:
         case {"file": str(path), **others} if path.isprintable() and path and not others:
             return SecretFile(path)
@@ -87,11 +79,7 @@ def parse_password(value: object) -> SecretFile:
 
 
 def parse_prefix(value: object) -> str:
-    """Parse the first level or levels of topics.
-
-    Raises:
-        WrongValue: topics cannot begin so.
-    """
+    """Parse the first level or levels of topics."""
     if not isinstance(value, str):
         raise NotText
     levels = value.split("/")
@@ -106,11 +94,7 @@ def parse_prefix(value: object) -> str:
 
 
 def parse_home_assistant(value: object) -> str | None:
-    """Parse the prefix of discovery topics; None without discovery.
-
-    Raises:
-        WrongValue: it is not valid.
-    """
+    """Parse the prefix of discovery topics; None without discovery."""
     if isinstance(value, bool):
         return HOME_ASSISTANT if value else None
     if isinstance(value, str):
@@ -119,11 +103,7 @@ def parse_home_assistant(value: object) -> str | None:
 
 
 def parse_sparkplug(value: object) -> Sparkplug | None:
-    """Parse the names in Sparkplug B; None for plain JSON.
-
-    Raises:
-        WrongValue: they are not valid.
-    """
+    """Parse the names in Sparkplug B; None for plain JSON."""
     if value is False:
         return None
     example = 'write { group = "plant-2" }; node and primary_host are possible too'
@@ -137,11 +117,7 @@ def parse_sparkplug(value: object) -> Sparkplug | None:
 
 
 def check_topic_part(name: object, what: str) -> None:
-    """See that a name can be one part of a topic.
-
-    Raises:
-        WrongValue: it cannot.
-    """
+    """See that a name can be one part of a topic."""
     if not isinstance(name, str) or not is_topic_part(name):
         raise WrongValue(f"{what} must be text without +, # and /")
 

@@ -17,11 +17,7 @@ VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
 
 
 def parse_format(value: object) -> CharacterFormat:
-    """Parse a character format such as "8E1".
-
-    Raises:
-        WrongValue: it is not valid.
-    """
+    """Parse a character format such as "8E1"."""
     if not isinstance(value, str):
         raise NotText
     try:

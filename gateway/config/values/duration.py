@@ -20,11 +20,7 @@ _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([A-Za-z]*)")
 
 
 def parse_duration(value: object, least: float = SHORTEST, most: float = _LONGEST) -> float:
-    """Parse seconds, more than 0, `least` or more, and at `most` so many.
-
-    Raises:
-        WrongValue: `value` is not text with a unit, too short or too long.
-    """
+    """Parse seconds, more than 0, `least` or more, and at `most` so many."""
     seconds = parse_duration_or_zero(value, least)
     if seconds == 0:
         raise WrongValue("must be longer than 0")
@@ -34,11 +30,7 @@ def parse_duration(value: object, least: float = SHORTEST, most: float = _LONGES
 
 
 def parse_duration_or_zero(value: object, least: float = 0.0) -> float:
-    """Parse seconds, `least` or more, or zero. Zero needs no unit: "0".
-
-    Raises:
-        WrongValue: `value` is not text with a unit, or too short.
-    """
+    """Parse seconds, `least` or more, or zero. Zero needs no unit: "0"."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         raise WrongValue("a duration needs a unit", f'put it in quotes with a unit: "{value} ms" or "{value} s"')
     if not isinstance(value, str):
@@ -62,11 +54,7 @@ parse_duration_or_zero_or_auto = _or_auto(parse_duration_or_zero)
 
 
 def parse_duration_or_off_or_auto(value: object) -> float | None:
-    """Parse seconds, 0 for "off", or None for "auto".
-
-    Raises:
-        WrongValue: `value` is none of them.
-    """
+    """Parse seconds, 0 for "off", or None for "auto"."""
     if value == "off":
         return 0.0
     if value in _MEANT_OFF or (isinstance(value, str) and value.strip().lower() in _MEANT_OFF):
@@ -90,11 +78,7 @@ def show_duration(seconds: float | None) -> str:
 
 
 def _no_word(value: object, words: str) -> object:
-    """Return the value, unless it is text that should be one of the `words`.
-
-    Raises:
-        WrongValue: it is text, and no duration.
-    """
+    """Return the value, unless it is text that should be one of the `words`."""
     if isinstance(value, str) and _DURATION.fullmatch(value.strip()) is None:
         raise WrongValue(
             f'"{value}" is not a valid duration', f'write {words}, or a number and a unit, such as "250 ms"'

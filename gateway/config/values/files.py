@@ -17,11 +17,7 @@ _CREDENTIAL = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,64}")
 
 
 def check_path(value: str) -> str:
-    """Return a path that the system takes, and a log can show.
-
-    Raises:
-        WrongValue: it has characters that cannot be seen, such as the NUL at which the system would end it.
-    """
+    """Return a path that the system takes, and a log can show."""
     if not value.isprintable():
         raise WrongValue("has characters that cannot be seen")
     return value
@@ -38,11 +34,7 @@ def secret_in_folder(file: SecretFile, info: ValidationInfo) -> SecretFile:
 
 
 def parse_token_file(value: object) -> str:
-    """Parse the name of the file that holds a token.
-
-    Raises:
-        WrongValue: `value` names no file.
-    """
+    """Parse the name of the file that holds a token."""
     match value:
         case {"file": str(path), **others} if path and not others:
             return check_path(path)
@@ -50,11 +42,7 @@ def parse_token_file(value: object) -> str:
 
 
 def parse_file(value: object) -> SecretFile:
-    """Parse a path, or the name of a credential that systemd hands to the service.
-
-    Raises:
-        WrongValue: `value` is neither.
-    """
+    """Parse a path, or the name of a credential that systemd hands to the service."""
     match value:
         case str(path) if path:
             return SecretFile(check_path(path))

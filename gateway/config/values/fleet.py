@@ -14,22 +14,14 @@ _EXAMPLE: Final = '["nats://127.0.0.1:4222"]'
 
 
 def parse_servers(value: object) -> tuple[Address, ...]:
-    """Parse the addresses of NATS servers.
-
-    Raises:
-        WrongValue: one of them is not valid, or there are none.
-    """
+    """Parse the addresses of NATS servers."""
     if not isinstance(value, list) or not value:
         raise WrongValue("must be a list of servers", f"write it as {_EXAMPLE}")
     return tuple(map(parse_server, value))
 
 
 def parse_server(value: object) -> Address:
-    """Parse the address of a NATS server.
-
-    Raises:
-        WrongValue: it is not valid.
-    """
+    """Parse the address of a NATS server."""
     if not isinstance(value, str):
         raise NotText
     if "@" in value:
@@ -43,11 +35,7 @@ def parse_server(value: object) -> Address:
 
 
 def parse_control(value: object) -> tuple[str, ...]:
-    """Parse the site that may ask all others, or a list of several.
-
-    Raises:
-        WrongValue: one of them is no name of a site, or there is none.
-    """
+    """Parse the site that may ask all others, or a list of several."""
     names = tuple(map(parse_site, value if isinstance(value, list) else [value]))
     if not names:
         raise WrongValue("names no site", 'such as control = "control"')
@@ -55,11 +43,7 @@ def parse_control(value: object) -> tuple[str, ...]:
 
 
 def parse_site_lease(value: object) -> str:
-    """Parse a lease that belongs to a site: SITE.NAME.
-
-    Raises:
-        WrongValue: it has no site, or cannot be a lease.
-    """
+    """Parse a lease that belongs to a site: SITE.NAME."""
     name = parse_lease_name(value)
     if "." not in name:
         raise WrongValue(
@@ -69,11 +53,7 @@ def parse_site_lease(value: object) -> str:
 
 
 def parse_hub_address(value: object) -> Address:
-    """Parse the host, and perhaps the port, of the hub.
-
-    Raises:
-        WrongValue: it is neither a name nor an address.
-    """
+    """Parse the host, and perhaps the port, of the hub."""
     if not isinstance(value, str):
         raise NotText
     if "://" in value:
@@ -85,11 +65,7 @@ def parse_hub_address(value: object) -> Address:
 
 
 def parse_plain_path(value: object) -> str:
-    """Parse the absolute path of a file or folder on another machine.
-
-    Raises:
-        WrongValue: it is not absolute, or has characters that cannot be seen.
-    """
+    """Parse the absolute path of a file or folder on another machine."""
     if not isinstance(value, str):
         raise NotText
     if not value.startswith("/"):

@@ -16,11 +16,7 @@ _NEARLY: Final = re.compile(rf"(?P<module>{_IDENTIFIER}(\.{_IDENTIFIER})*?)(\.py
 
 
 def parse_name(value: object) -> str:
-    """Parse a name for people and logs.
-
-    Raises:
-        WrongValue: it would not look like one there.
-    """
+    """Parse a name for people and logs."""
     if not isinstance(value, str):
         raise NotText
     if not value or len(value) > LONGEST_NAME or not value.isprintable() or value != value.strip():
@@ -31,11 +27,7 @@ def parse_name(value: object) -> str:
 
 
 def parse_role(value: object) -> str:
-    """Parse a role in a certificate, or "" for none.
-
-    Raises:
-        WrongValue: no certificate has such a role.
-    """
+    """Parse a role in a certificate, or "" for none."""
     if not isinstance(value, str):
         raise NotText
     if len(value) > LONGEST_ROLE or not value.isprintable():
@@ -44,11 +36,7 @@ def parse_role(value: object) -> str:
 
 
 def parse_python_class(value: object) -> str:
-    """Parse `module:Name`; nothing is imported.
-
-    Raises:
-        WrongValue: it is not of this form.
-    """
+    """Parse `module:Name`; nothing is imported."""
     if not isinstance(value, str):
         raise NotText
     if _CLASS.fullmatch(value) and ".py:" not in value:

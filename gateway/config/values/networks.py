@@ -10,22 +10,14 @@ _IPV4_MAPPED: Final = IPv6Network("::ffff:0:0/96")
 
 
 def parse_networks(value: object) -> tuple[IPv4Network | IPv6Network, ...]:
-    """Parse networks such as "10.2.0.0/24", or single addresses.
-
-    Raises:
-        WrongValue: one of them is not valid.
-    """
+    """Parse networks such as "10.2.0.0/24", or single addresses."""
     if not isinstance(value, list):
         raise WrongValue("must be a list", 'write it as ["10.2.0.0/24"]')
     return tuple(_network(text) for text in value)
 
 
 def parse_networks_or_sites(value: object) -> tuple[IPv4Network | IPv6Network | Site, ...]:
-    """Parse networks, single addresses, or the names of sites.
-
-    Raises:
-        WrongValue: one of them is not valid.
-    """
+    """Parse networks, single addresses, or the names of sites."""
     if not isinstance(value, list):
         raise WrongValue("must be a list", 'write it as ["10.2.0.0/24"]')
     return tuple(Site(each) if isinstance(each, str) and _looks_like_site(each) else _network(each) for each in value)

@@ -21,11 +21,7 @@ _POINT_NAME = re.compile(r"[^\W\d_][\w.*-]*")
 
 
 def parse_point_name(value: object) -> str:
-    """Parse the name of a point, which is typed behind a command and becomes a part of topics.
-
-    Raises:
-        WrongValue: it is none, or the name of an area.
-    """
+    """Parse the name of a point, which is typed behind a command and becomes a part of topics."""
     if not isinstance(value, str):
         raise NotText
     if not _POINT_NAME.fullmatch(value) or len(value) > LONGEST_NAME:
@@ -37,11 +33,7 @@ def parse_point_name(value: object) -> str:
 
 
 def parse_point_addresses(value: object) -> Range:
-    """Parse where a point is: an address, or first and last of several points.
-
-    Raises:
-        WrongValue: it is neither.
-    """
+    """Parse where a point is: an address, or first and last of several points."""
     if isinstance(value, int) and not isinstance(value, bool):
         value = str(value)
     if not isinstance(value, str) or not is_range(value):
@@ -51,11 +43,7 @@ def parse_point_addresses(value: object) -> Range:
 
 
 def parse_labels(value: object) -> dict[int, str]:
-    """Parse what numbers mean, as in `{ 0 = "off", 1 = "running" }`.
-
-    Raises:
-        WrongValue: a key is no whole number or is there twice, or a label is no text or is there twice.
-    """
+    """Parse what numbers mean, as in `{ 0 = "off", 1 = "running" }`."""
     if not isinstance(value, dict):
         raise WrongValue("must be a table", 'write it as { 0 = "off", 1 = "running" }')
     labels: dict[int, str] = {}
@@ -74,11 +62,7 @@ def parse_labels(value: object) -> dict[int, str]:
 
 
 def parse_invalid(value: object) -> tuple[float, ...]:
-    """Parse the encoded numbers that mean that there is no value: one, or a list.
-
-    Raises:
-        WrongValue: they are no numbers, or too many.
-    """
+    """Parse the encoded numbers that mean that there is no value: one, or a list."""
     numbers = value if isinstance(value, list) else [value]
     if not numbers or not all(map(_is_number, numbers)):
         raise WrongValue("must be a number or a list of numbers", "write it as 0x8000, or as [0x7FFF, 0x8000]")
@@ -92,11 +76,7 @@ def _is_number(value: object) -> bool:
 
 
 def parse_bits(value: object) -> Range:
-    """Parse which bits of a register belong to a value: `"4-6"`.
-
-    Raises:
-        WrongValue: it is no range of bits.
-    """
+    """Parse which bits of a register belong to a value: `"4-6"`."""
     match = _BITS.fullmatch(value) if isinstance(value, str) else None
     first, last = (int(match[1]), int(match[2])) if match is not None else (0, _MOST_BITS)
     if not first <= last < _MOST_BITS:
@@ -105,11 +85,7 @@ def parse_bits(value: object) -> Range:
 
 
 def parse_writing(value: object) -> Writing:
-    """Parse whether a point can be written.
-
-    Raises:
-        WrongValue: it is none of those that are known.
-    """
+    """Parse whether a point can be written."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value == "only":
@@ -119,11 +95,7 @@ def parse_writing(value: object) -> Writing:
 
 
 def parse_map_place(value: object) -> int | str:
-    """Parse where a row is in its unit: an address, or the name of a point.
-
-    Raises:
-        WrongValue: it is neither.
-    """
+    """Parse where a row is in its unit: an address, or the name of a point."""
     if isinstance(value, int) and not isinstance(value, bool):
         if 0 <= value < MOST_ITEMS:
             return int(value)
@@ -136,11 +108,7 @@ def parse_map_place(value: object) -> int | str:
 
 
 def parse_when_stale(value: object) -> WhenStale:
-    """Parse what a read gets of a stale value.
-
-    Raises:
-        WrongValue: it is none of the three.
-    """
+    """Parse what a read gets of a stale value."""
     if value == "exception":
         return "exception"
     if value == "hold":

@@ -29,11 +29,7 @@ class VirtualPort:
 
 
 def parse_line_port(value: object) -> str | Address | VirtualPort:
-    """Parse a line's port: as `parse_port`, or a virtual one.
-
-    Raises:
-        WrongValue: it is none of these.
-    """
+    """Parse a line's port: as `parse_port`, or a virtual one."""
     if not isinstance(value, str) or not value.startswith(_VIRTUAL):
         return parse_port(value)
     name = check_path(value.removeprefix(_VIRTUAL))
@@ -45,11 +41,7 @@ def parse_line_port(value: object) -> str | Address | VirtualPort:
 
 
 def parse_port(value: object) -> str | Address:
-    """Parse a port that exists: the path of a serial device, or the address of a device server.
-
-    Raises:
-        WrongValue: it is neither.
-    """
+    """Parse a port that exists: the path of a serial device, or the address of a device server."""
     if not isinstance(value, str):
         raise NotText
     if "://" in value:

@@ -17,11 +17,7 @@ _FUNCTION = re.compile(r"[0-9]{1,9}")
 
 
 def parse_wide(value: object) -> dict[Area, tuple[Range, ...]]:
-    """Parse which registers have four bytes: `{ holding = "5000-5999" }`, or `"all"` in place of addresses.
-
-    Raises:
-        WrongValue: it names another area, or no addresses.
-    """
+    """Parse which registers have four bytes: `{ holding = "5000-5999" }`, or `"all"` in place of addresses."""
     if value == "all":
         return dict.fromkeys(_REGISTER_AREAS, _ALL)
     if not isinstance(value, Mapping) or not value:
@@ -33,11 +29,7 @@ def parse_wide(value: object) -> dict[Area, tuple[Range, ...]]:
 
 
 def parse_identity(value: object) -> Identity:
-    """Parse what tells that a unit is of this kind.
-
-    Raises:
-        WrongValue: it is none of the three.
-    """
+    """Parse what tells that a unit is of this kind."""
     if not isinstance(value, Mapping):
         raise WrongValue("must be a table", _IDENTITY)
     match dict(value):
@@ -57,22 +49,14 @@ def _is_register(number: object) -> bool:
 
 
 def parse_item(value: object) -> int:
-    """Parse what a register or a coil holds at first: 0 to 65535, or true and false.
-
-    Raises:
-        WrongValue: it does not fit into a register.
-    """
+    """Parse what a register or a coil holds at first: 0 to 65535, or true and false."""
     if isinstance(value, int) and 0 <= value <= 0xFFFF:
         return int(value)
     raise WrongValue("must be 0 to 65535, or for coils true or false")
 
 
 def parse_limits(value: object) -> dict[int, int]:
-    """Parse the most items by function, as in `{ 3 = 99 }`.
-
-    Raises:
-        WrongValue: a key is no function, one is there twice, or a value is no quantity.
-    """
+    """Parse the most items by function, as in `{ 3 = 99 }`."""
     if not isinstance(value, dict):
         raise WrongValue("must be a table", "write it as { 3 = 99 }: at most 99 items of function 3")
     limits: dict[int, int] = {}

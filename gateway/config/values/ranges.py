@@ -15,22 +15,14 @@ _RANGE = re.compile(rf"({_ADDRESS})(?:\s*-\s*({_ADDRESS}))?")
 
 
 def parse_ranges(value: object) -> tuple[Range, ...]:
-    """Parse the ranges that `value` names: ascending, and those that touch joined.
-
-    Raises:
-        WrongValue: `value` is none of the three, or leaves the addresses 0-65535.
-    """
+    """Parse the ranges that `value` names: ascending, and those that touch joined."""
     if isinstance(value, int) and not isinstance(value, bool):
         return _from_zero(value)
     return join_ranges([_parse_range(part) for part in (value if isinstance(value, list) else [value])])
 
 
 def parse_addresses(value: object) -> tuple[Range, ...]:
-    """Parse ranges of addresses as `parse_ranges` does, but no count: where others write a unit it reads as an address.
-
-    Raises:
-        WrongValue: `value` names no address, leaves the addresses 0-65535, or could mean a count or an address.
-    """
+    """Parse ranges as `parse_ranges` does, but no count: where others write a unit it reads as an address."""
     if isinstance(value, int) and not isinstance(value, bool) and 0 < value <= MOST_ITEMS:
         raise WrongValue("could be a count or an address", f'write "0-{value - 1}", or "{value}" for one address')
     if value in (0, []):

@@ -29,11 +29,7 @@ def is_site(name: str) -> bool:
 
 
 def parse_other_servers(value: object) -> tuple[Address | Site, ...]:
-    """Parse the address of another Modbus TCP server, or several of the same one, or a gateway of the fleet.
-
-    Raises:
-        WrongValue: it is none of these.
-    """
+    """Parse the address of another Modbus TCP server, or several of the same one, or a gateway of the fleet."""
     several = value if isinstance(value, list) else [value]
     servers = tuple(map(_parse_other_server, several))
     if not servers:
@@ -56,11 +52,7 @@ def _parse_other_server(value: object) -> Address | Site:
 
 
 def parse_site(value: object) -> str:
-    """Parse the name of a site.
-
-    Raises:
-        WrongValue: no gateway of the fleet can have it.
-    """
+    """Parse the name of a site."""
     if not isinstance(value, str):
         raise NotText
     if not is_site(value):
@@ -69,11 +61,7 @@ def parse_site(value: object) -> str:
 
 
 def parse_lease_name(value: object) -> str:
-    """Parse the name of a lease, which is a key of a bucket.
-
-    Raises:
-        WrongValue: it cannot be one.
-    """
+    """Parse the name of a lease, which is a key of a bucket."""
     if not isinstance(value, str):
         raise NotText
     if not all(map(is_site, value.split("."))):

@@ -16,11 +16,7 @@ _SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,3})?)\s*([A-Za-z]*)")
 
 
 def parse_size_or_zero(value: object) -> int:
-    """Parse bytes, or zero. Zero needs no unit: "0".
-
-    Raises:
-        WrongValue: `value` is no text with a unit, too little or too much.
-    """
+    """Parse bytes, or zero. Zero needs no unit: "0"."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         remedy = f'put it in quotes with a unit: "{value} MiB"' if value else 'write "0"'
         raise WrongValue("a size needs a unit", remedy)

@@ -15,11 +15,7 @@ _RANGE = re.compile(r"([0-9]{1,20})(?:\s*-\s*([0-9]{1,20}))?")
 
 
 def parse_units(value: object, first: int = FIRST_UNIT) -> tuple[int, ...]:
-    """Parse the units of a set, in the order in which they are written.
-
-    Raises:
-        WrongValue: `value` is not a valid unit set, names a unit twice, or one outside `first` to 255.
-    """
+    """Parse the units of a set, in the order in which they are written."""
     units: list[int] = []
     for part in value if isinstance(value, list) else [value]:
         units += _parse_part(part, range(first, HIGHEST_UNIT + 1))
@@ -34,11 +30,7 @@ def parse_units(value: object, first: int = FIRST_UNIT) -> tuple[int, ...]:
 
 
 def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
-    """Parse what becomes of requests to unit 0.
-
-    Raises:
-        WrongValue: it is none of those that are known.
-    """
+    """Parse what becomes of requests to unit 0."""
     if value == "refuse":
         return "refuse"
     if value == "broadcast":
@@ -49,40 +41,24 @@ def parse_unit0(value: object) -> Literal["refuse", "broadcast"] | int:
 
 
 def check_own_unit(value: int) -> int:
-    """Return a unit that the gateway can answer for itself.
-
-    Raises:
-        WrongValue: none can have this number.
-    """
+    """Return a unit that the gateway can answer for itself."""
     if value not in _OWN_UNITS:
         raise WrongValue(f"{value} is {_NO_OWN_UNIT}")
     return value
 
 
 def parse_units_or_none(value: object) -> tuple[int, ...]:
-    """Parse a unit set, or "none", which has no unit.
-
-    Raises:
-        WrongValue: it is neither.
-    """
+    """Parse a unit set, or "none", which has no unit."""
     return () if value == "none" else parse_units(value)
 
 
 def parse_served_units(value: object) -> tuple[int, ...] | Literal["all"]:
-    """Parse a unit set, or "all".
-
-    Raises:
-        WrongValue: it is neither.
-    """
+    """Parse a unit set, or "all"."""
     return "all" if value == "all" else parse_units(value)
 
 
 def parse_units_or_all(value: object) -> tuple[int, ...] | Literal["all"]:
-    """Parse a unit set, or "all". Any from 0 to 255 is accepted: which are possible depends on other keys.
-
-    Raises:
-        WrongValue: it is neither.
-    """
+    """Parse a unit set, or "all". Any from 0 to 255 is accepted: which are possible depends on other keys."""
     return "all" if value == "all" else parse_units(value, 0)
 
 

@@ -16,11 +16,7 @@ _GROUPS: Final = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d+)?")
 
 
 def number_of(cell: str, *, has_decimal_comma: bool = False) -> Decimal:
-    """Parse a number.
-
-    Raises:
-        ImportedFileError: it is none.
-    """
+    """Parse a number."""
     text = normalize("NFKC", cell).translate(_SIGNS).lower().strip("' ")
     in_hex = _HEX.fullmatch(text)
     if in_hex:
@@ -34,11 +30,7 @@ def number_of(cell: str, *, has_decimal_comma: bool = False) -> Decimal:
 
 
 def factor_of(cell: str, *, has_decimal_comma: bool = False) -> Decimal:
-    """Parse a factor: a number, 1/10, x 0.1, /10, 10^-1; a unit may stand behind it.
-
-    Raises:
-        ImportedFileError: it is none, or 0.
-    """
+    """Parse a factor: a number, 1/10, x 0.1, /10, 10^-1; a unit may stand behind it."""
     text = normalize("NFKC", cell).translate(_SIGNS).lower().strip("' ")
     text = re.sub(r"^(?:x|\*|mal|times)\s*", "", text)
     power, parts = _POWER.fullmatch(text), [part.strip() for part in re.split(r"[/:]", text)]

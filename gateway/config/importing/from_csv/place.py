@@ -56,11 +56,7 @@ class Addressing:
     was_guessed: bool = False
 
     def place(self, cell: str) -> Place:
-        """Parse what a cell of the column says.
-
-        Raises:
-            ImportedFileError: it is not understood, or no register is there.
-        """
+        """Parse what a cell of the column says."""
         text, bit = self._without_bit(_plain(cell))
         places = [self._one(part, cell) for part in _parts(text, cell)]
         first, last = places[0], places[-1]

@@ -19,11 +19,7 @@ _RESERVED: Final = re.compile(r"reserved?|reserviert|unused|not used|spare|ä¿ç•
 
 
 def profile_from_csv(file: str, name: str, content: bytes, check: Check) -> Imported:
-    """Write the profile `name` with the points in a sheet, which is the `content` of a `file`.
-
-    Raises:
-        ImportedFileError: nothing of it can be used.
-    """
+    """Write the profile `name` with the points in a sheet, which is the `content` of a `file`."""
     sheet = read_sheet(file, content, known_columns)
     columns = columns_of(sheet)
     if not columns.has("address") and not columns.has("reference"):

@@ -44,11 +44,7 @@ class RowReader:
     point_names: Mapping[str, str]
 
     def keys(self, cells: Sequence[str], name: str) -> dict[str, Value]:
-        """Make the keys of the point in a row.
-
-        Raises:
-            ImportedFileError: the row is not understood.
-        """
+        """Make the keys of the point in a row."""
         if any(len(cell) > _LONGEST_CELL for place, cell in enumerate(cells) if self._is_short(place)):
             raise ImportedFileError(f"a cell has more than {_LONGEST_CELL} characters")
 

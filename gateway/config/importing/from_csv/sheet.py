@@ -50,11 +50,7 @@ class Sheet(NamedTuple):
 
 
 def read_sheet(file: str, content: bytes, knows: Knows) -> Sheet:
-    """Find the heading of a sheet, and read the rows below it.
-
-    Raises:
-        ImportedFileError: there is no heading, or the file is no CSV.
-    """
+    """Find the heading of a sheet, and read the rows below it."""
     ways = [
         (knows(row.cells), -order, -row.number, row, text, delimiter)
         for order, (text, delimiter) in enumerate((text, each) for text in _texts(content) for each in _DELIMITERS)

@@ -17,11 +17,7 @@ _SITE: Final = ("For the [mqtt] at the end:", 'site = "home"')
 
 
 def config_from_home_assistant(file: str, check: Check, read: Callable[[str], str] = read_file) -> Imported:
-    """Write the config that asks the devices of this `file`.
-
-    Raises:
-        ImportedFileError: nothing of it can be used.
-    """
+    """Write the config that asks the devices of this `file`."""
     documents, taken = Documents(file, read), Taken()
     parts: list[TableText | ProfilePart] = [TableText("", comments=(f"From Home Assistant: {file}", *_SITE))]
     left_out: list[str] = []

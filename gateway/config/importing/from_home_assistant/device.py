@@ -100,11 +100,7 @@ class DevicePart:
 
 
 def devices_of(fields: Fields, hub: str, documents: Documents, taken: Taken, *, is_line: bool) -> list[DevicePart]:
-    """Make the devices of a connection that is called `hub`, in the order of their units.
-
-    Raises:
-        ImportedFileError: there are none, or too many points.
-    """
+    """Make the devices of a connection that is called `hub`, in the order of their units."""
     devices: dict[int, DevicePart] = {}
     lost: list[PointRow] = []
     for kind, make, value in _entities(fields):

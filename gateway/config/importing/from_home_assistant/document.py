@@ -25,19 +25,11 @@ class Documents:
     _loaded: dict[str, Any] = field(default_factory=dict)
 
     def document(self) -> Any:
-        """Parse the first file.
-
-        Raises:
-            ImportedFileError: it is no YAML.
-        """
+        """Parse the first file."""
         return self._load(self.file)
 
     def follow(self, value: Any) -> Any:
-        """Return the value itself, or what its tag leads to.
-
-        Raises:
-            ImportedFileError: it leads nowhere.
-        """
+        """Return the value itself, or what its tag leads to."""
         for _ in range(_MOST_FILES):
             if not isinstance(value, Tagged):
                 return value

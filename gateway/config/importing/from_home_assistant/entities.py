@@ -138,11 +138,7 @@ def writing_keys(*, is_plural: bool = False) -> dict[str, Value]:
 
 
 def area_in(fields: Fields, key: str, usual: Area, known: tuple[Area, ...]) -> Area:
-    """Return the area that a key names.
-
-    Raises:
-        ImportedFileError: it is not one of those that are possible there.
-    """
+    """Return the area that a key names."""
     text = fields.text(key, "")
     area = _AREAS.get(text) if text else usual
     if area not in known:

@@ -90,11 +90,7 @@ class Fields:
 
 
 def fields_of(value: Any, documents: Documents) -> Fields:
-    """Read a table; its tag is followed.
-
-    Raises:
-        ImportedFileError: it is none.
-    """
+    """Read a table; its tag is followed."""
     table = documents.follow(value)
     if not isinstance(table, Table):
         raise ImportedFileError("this must be a table")
@@ -102,11 +98,7 @@ def fields_of(value: Any, documents: Documents) -> Fields:
 
 
 def whole(value: Any, key: str) -> int:
-    """Check that a value is a whole number that is not negative; it may be text.
-
-    Raises:
-        ImportedFileError: it is none.
-    """
+    """Check that a value is a whole number that is not negative; it may be text."""
     if value is None:
         raise ImportedFileError(f"it has no {key}")
     text = plain_text(value)

@@ -27,11 +27,7 @@ _WITHOUT_MEANING: Final = frozenset(("close_comm_on_error", "retry_on_empty", "r
 def hub_parts(
     value: object, documents: Documents, taken: Taken
 ) -> tuple[list[TableText | ProfilePart], list[DevicePart]]:
-    """Make the table of a connection and the profiles of its devices.
-
-    Raises:
-        ImportedFileError: it cannot be used. The text says where it stands.
-    """
+    """Make the table of a connection and the profiles of its devices."""
     fields = fields_of(value, documents)
     try:
         return _parts(fields, documents, taken)

@@ -49,11 +49,7 @@ class Layout(NamedTuple):
 
 
 def layout_of(fields: Fields) -> Layout:
-    """Find the values of an entity.
-
-    Raises:
-        ImportedFileError: its type is not known here.
-    """
+    """Find the values of an entity."""
     name, count = fields.text("data_type", "int16").lower(), fields.whole("count", 0)
     swap, structure = _swap(fields), fields.text("structure", "")
     if name == "custom":
