@@ -4,9 +4,8 @@ import os
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path as FilePath
-from typing import Any, Final
+from typing import Any, Final, TypedDict, Unpack
 
 from gateway.config.check import AddressTrouble, PortTrouble, UnitTrouble, check
 from gateway.config.checks.embedding import Embedding, is_about_units
@@ -65,70 +64,45 @@ class Loaded:
 _NO_CONFIG_YET: Final = "create it, or name another file; `modbus-gateway` alone prints one to begin with"
 
 
-def load(
-    path: str | FilePath,
-    address_trouble: AddressTrouble = lambda _: None,
-    unit_trouble: UnitTrouble = lambda _: None,
-    embedding: Embedding | None = None,
-) -> Loaded:
-    """Load the file at `path`. Nothing is raised: a file that cannot be read is a problem too.
+class Troubles(TypedDict, total=False):
+    """How `check` looks at what a config names, if not as usual: at ports of this machine, and at nothing else."""
 
-    `address_trouble` checks addresses of listeners, and `unit_trouble` the classes of units made in Python; by default
-    neither are checked.
-    """
+    port_trouble: PortTrouble
+    real_path: Callable[[str], str]
+    address_trouble: AddressTrouble
+    unit_trouble: UnitTrouble
+
+
+def load(path: str | FilePath, embedding: Embedding | None = None, **troubles: Unpack[Troubles]) -> Loaded:
+    """Load the file at `path`. Nothing is raised: a file that cannot be read is a problem too."""
     file = str(path)
     try:
         text = read_file_text(FilePath(path))
     except UnreadableFile as wrong:
         remedy = wrong.remedy if FilePath(path).exists() else _NO_CONFIG_YET
         return _fail(error((), str(wrong), remedy), file, wrong.line, min(wrong.line, 1))
-    loaded = parse(text, file, address_trouble=address_trouble, unit_trouble=unit_trouble, embedding=embedding)
-    return replace(loaded, text=text)
+    return replace(parse(text, file, embedding=embedding, **troubles), text=text)
 
 
-def load_text(
-    text: str,
-    file: str,
-    folder: FilePath,
-    address_trouble: AddressTrouble,
-    unit_trouble: UnitTrouble,
-    embedding: Embedding,
-) -> Loaded:
-    """Load a text as a file in `folder` would be; `file` stands for it in messages. Nothing is raised."""
+def load_text(text: str, at: FilePath, embedding: Embedding, **troubles: Unpack[Troubles]) -> Loaded:
+    """Load a text as a file there would be; the name stands for it in messages. Nothing is raised."""
     text = plain_text(text)
     wrong = find_wrong_text(text)
     if wrong:
-        return _fail(error((), wrong), file, 0, 0)
-    at = folder / file
-    loaded = parse(text, file, address_trouble=address_trouble, unit_trouble=unit_trouble, at=at, embedding=embedding)
-    return replace(loaded, text=text)
+        return _fail(error((), wrong), at.name, 0, 0)
+    return replace(parse(text, at.name, at=at, embedding=embedding, **troubles), text=text)
 
 
-def load_table(
-    table: Mapping[str, Any],
-    file: str,
-    folder: FilePath,
-    address_trouble: AddressTrouble,
-    unit_trouble: UnitTrouble,
-    embedding: Embedding,
-) -> Loaded:
+def load_table(table: Mapping[str, Any], at: FilePath, embedding: Embedding, **troubles: Unpack[Troubles]) -> Loaded:
     """Load a table that a program has made; otherwise as `load_text`. It has no text."""
     try:
         copy = TableCopy(table)
         if copy.problems:
-            return Loaded(None, tuple(each.located(file, 0, 0) for each in copy.problems[:_MOST_PROBLEMS]))
-        at = folder / file
-        places = _Places(Unplaced(copy.table), file, copy.table, ProfileFiles.of_config(at))
-        troubles = partial(
-            check,
-            port_trouble=port_trouble,
-            real_path=os.path.realpath,
-            address_trouble=address_trouble,
-            unit_trouble=unit_trouble,
-        )
-        return _parsed(places, at, troubles, embedding)
+            return Loaded(None, tuple(each.located(at.name, 0, 0) for each in copy.problems[:_MOST_PROBLEMS]))
+        places = _Places(Unplaced(copy.table), at.name, copy.table, ProfileFiles.of_config(at))
+        return _parsed(places, at, embedding, troubles)
     except RecursionError:
-        return _fail_nested(file, 0)
+        return _fail_nested(at.name, 0)
 
 
 def load_profile(path: FilePath, name: str = "") -> ProfileFile:
@@ -154,13 +128,11 @@ def _checked(file: ProfileFile) -> ProfileFile:
 def parse(
     text: str,
     file: str = "gateway.toml",
-    port_trouble: PortTrouble = port_trouble,
-    real_path: Callable[[str], str] = os.path.realpath,
-    address_trouble: AddressTrouble = lambda _: None,
+    *,
     profile_files: ProfileFiles | None = None,
-    unit_trouble: UnitTrouble = lambda _: None,
     at: FilePath | None = None,
     embedding: Embedding | None = None,
+    **troubles: Unpack[Troubles],
 ) -> Loaded:
     """Parse `text`, the content of `file`.
 
@@ -177,38 +149,22 @@ def parse(
     at = at or FilePath(file)
     places = _Places(positions, file, document, profile_files or ProfileFiles.of_config(at))
     try:
-        troubles = partial(
-            check,
-            port_trouble=port_trouble,
-            real_path=real_path,
-            address_trouble=address_trouble,
-            unit_trouble=unit_trouble,
-        )
-        return _parsed(places, at, troubles, embedding or Embedding())
+        return _parsed(places, at, embedding or Embedding(), troubles)
     except RecursionError:  # a key of a thousand parts
         return _fail_nested(file)
 
 
-def _parsed(
-    places: "_Places",
-    at: FilePath,
-    troubles: Callable[[Planning, frozenset[str]], Iterator[Problem]],
-    embedding: Embedding,
-) -> Loaded:
+def _parsed(places: "_Places", at: FilePath, embedding: Embedding, troubles: Troubles) -> Loaded:
     document, files, folder = places.document, places.files, folder_of(at)
     reader = TableReader(document, places.positions, at.name, folder)
     own = embedding.added_to(reader.config())
     profiled = with_profiles(own.config, files, is_whole=PROFILE not in reader.failed)
     config = without_shared_units(profiled.config)
-    found = [
-        *reader.problems,
-        *own.problems,
-        *profiled.problems,
-        *_check_masks(document),
-    ]
+    found = [*reader.problems, *own.problems, *profiled.problems, *_check_masks(document)]
     failed = frozenset(reader.failed if profiled.is_whole else {*reader.failed, PROFILE})
     planning = Planning(config)
-    found += troubles(planning, failed)
+    looked_at: Troubles = {"port_trouble": port_trouble, "real_path": os.path.realpath, **troubles}
+    found += check(planning, failed, **looked_at)
     found += embedding.check(config)
     problems = [places.locate(one) for one in dict.fromkeys(found)]
     has_error = any(one.severity == "error" for one in problems)

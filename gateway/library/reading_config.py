@@ -6,9 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from gateway.config.check import UnitTrouble
 from gateway.config.checks.embedding import Embedding
-from gateway.config.load import Loaded, load, load_table, load_text
+from gateway.config.load import Loaded, Troubles, load, load_table, load_text
 from gateway.config.machine.file_text import folder_of
 from gateway.config.machine.troubles import address_trouble
 from gateway.config.machine.unit_class import find_class, wrong_methods
@@ -64,7 +63,7 @@ def read_text(text: str, folder: str | Path, units: Units, *, has_state: bool) -
         raise TypeError(f"from_text takes the text of a config, not {type(text).__name__}; from_toml takes a path")
     embedding = _embedding(units, has_state=has_state)
     file = folder / _TEXT
-    loaded = load_text(text, str(_TEXT), file.parent, address_trouble, _import_from(file), embedding)
+    loaded = load_text(text, file, embedding, **_looking_from(file))
     return _given(loaded, file, fixed=_FIXED.format("text"))
 
 
@@ -74,7 +73,7 @@ def read_table(table: Mapping[str, Any], folder: str | Path, units: Units, *, ha
         raise TypeError(f"a config is a dict, not {type(table).__name__}; from_toml takes a path, from_text a text")
     embedding = _embedding(units, has_state=has_state)
     file = folder / _TABLE
-    loaded = load_table(table, str(_TABLE), file.parent, address_trouble, _import_from(file), embedding)
+    loaded = load_table(table, file, embedding, **_looking_from(file))
     return _given(loaded, file, fixed=_FIXED.format("dict"))
 
 
@@ -107,11 +106,11 @@ def _read_again(embedding: Embedding, file: Path, *, look_around: bool = False) 
 
 
 def _load(file: Path, embedding: Embedding) -> Loaded:
-    return load(file, address_trouble, _import_from(file), embedding)
+    return load(file, embedding, **_looking_from(file))
 
 
-def _import_from(file: Path) -> UnitTrouble:
-    """Make the function that imports a class that the config names, and says why it cannot be used."""
+def _looking_from(file: Path) -> Troubles:
+    """Make what looks at addresses, and what imports a class that the config names and says why it cannot be used."""
     folder = folder_of(file)
 
     def trouble(python: str) -> WrongValue | None:
@@ -123,7 +122,7 @@ def _import_from(file: Path) -> UnitTrouble:
             return wrong
         return None
 
-    return trouble
+    return {"address_trouble": address_trouble, "unit_trouble": trouble}
 
 
 def _config_read(loaded: Loaded) -> ConfigRead:

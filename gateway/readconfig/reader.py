@@ -20,10 +20,12 @@ from gateway.readconfig.process import READING_TIME, ConfigRead, made
 def read_here(file: Path, *, look_around: bool = False) -> ConfigRead:
     """Read `file` in this process. See process.ReadConfig."""
     made = partial(unit_trouble, folder=folder_of(file))
-    loaded = load(file, address_trouble, made) if look_around else load(file, unit_trouble=made)
-    if look_around:
+    if not look_around:
+        loaded = load(file, unit_trouble=made)
+    else:
         from gateway.readconfig.file_troubles import with_file_troubles  # noqa: PLC0415 - it needs TLS, others do not
 
+        loaded = load(file, address_trouble=address_trouble, unit_trouble=made)
         loaded = with_file_troubles(loaded, str(file))
     return ConfigRead(loaded.plan, loaded.problems, loaded.text, loaded.profile_texts)
 

@@ -28,7 +28,7 @@ READ_3, READ_4 = parse_request(bytes.fromhex("0300000001")), parse_request(bytes
 
 
 def plan_of(text):
-    loaded = parse(dedent(text), "/etc/modbus-gateway/gateway.toml", lambda _: None, str)
+    loaded = parse(dedent(text), "/etc/modbus-gateway/gateway.toml", port_trouble=lambda _: None, real_path=str)
     assert loaded.config is not None, [str(one) for one in loaded.problems]
     return resolve(loaded.config)
 

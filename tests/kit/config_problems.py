@@ -11,7 +11,7 @@ LINE = '[[line]]\nname = "a"\nport = "/dev/a"\ndevices = [{ unit = 1, name = "on
 
 def problems(text, port_trouble=lambda _: None, real_path=str):
     """Say what is wrong with `text`."""
-    found = parse(dedent(text), "gateway.toml", port_trouble, real_path).problems
+    found = parse(dedent(text), port_trouble=port_trouble, real_path=real_path).problems
     return [
         f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "") for one in found
     ]

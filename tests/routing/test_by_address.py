@@ -75,7 +75,9 @@ def random_table(chance):
     rows = [Row.at_random(chance) for _ in range(chance.randint(1, 5))]
     if chance.random() < 0.8:
         rows.append(chance.choice((EVERYTHING, FAR, replace(EVERYTHING, allow=frozenset({"read"})))))
-    loaded = parse(CONFIG + "".join(row.as_toml() for row in rows), "gateway.toml", lambda _: None, str)
+    loaded = parse(
+        CONFIG + "".join(row.as_toml() for row in rows), "gateway.toml", port_trouble=lambda _: None, real_path=str
+    )
     assert loaded.config is not None, loaded.errors
     return rows, resolve(loaded.config)
 

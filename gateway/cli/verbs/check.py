@@ -54,4 +54,4 @@ def _told(loaded: Loaded, plan: Plan | None, args: argparse.Namespace) -> str:
 def _load_and_look(file: str) -> Loaded:
     """Load the file, and add what would keep the service of this machine from using it."""
     made = partial(unit_trouble, folder=folder_of(Path(file)))
-    return with_file_troubles(load(file, address_trouble, made), file)
+    return with_file_troubles(load(file, address_trouble=address_trouble, unit_trouble=made), file)

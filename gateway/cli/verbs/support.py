@@ -90,7 +90,7 @@ def _ask_gateway(args: argparse.Namespace, bundle: Bundle, line: Progress) -> Pa
 
 def _check(config: Path) -> str:
     """Return what `check` says, without the advice what to write instead."""
-    loaded = with_file_troubles(load(config, address_trouble), str(config))
+    loaded = with_file_troubles(load(config, address_trouble=address_trouble), str(config))
     plan = loaded.plan
     folder = folder_of_control(config, None if plan is None else plan.control)
     return check_as_text(replace(loaded, problems=without_advice(loaded.problems)), plan, folder) + "\n"

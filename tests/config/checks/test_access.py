@@ -15,7 +15,7 @@ READ = 'allow = ["read"]\n'
 
 
 def problems(text):
-    found = parse(UNITS + text, "gateway.toml", lambda _: None, str).problems
+    found = parse(UNITS + text, "gateway.toml", port_trouble=lambda _: None, real_path=str).problems
     return [
         f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "") for one in found
     ]

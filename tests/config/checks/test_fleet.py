@@ -9,7 +9,7 @@ SERVERS = 'servers = ["nats://127.0.0.1:4222"]\n'
 
 
 def problems(text):
-    found = parse(text, "g.toml", lambda _: None, str).problems
+    found = parse(text, "g.toml", port_trouble=lambda _: None, real_path=str).problems
     return [f"{each.severity}: {each.subject}{each.what}" for each in found]
 
 

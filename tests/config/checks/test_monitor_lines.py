@@ -8,7 +8,7 @@ from kit.config_problems import LINE
 
 
 def problems(text):
-    return [*parse(text, "gateway.toml", lambda _: None, str).problems]
+    return [*parse(text, "gateway.toml", port_trouble=lambda _: None, real_path=str).problems]
 
 
 LISTENERS = """

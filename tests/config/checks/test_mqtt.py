@@ -33,7 +33,7 @@ OWN_STATUS = "modbus/plant-2/status says whether the gateway is there"
 
 
 def problems(text):
-    found = parse(text, "g.toml", lambda _: None, str).problems
+    found = parse(text, "g.toml", port_trouble=lambda _: None, real_path=str).problems
     return [f"{each.severity}: {each.subject}{each.what}" for each in found]
 
 

@@ -19,7 +19,7 @@ PANEL = '[[line]]\nname = "panel"\nport = "/dev/p"\nrole = "server"\nserves = 41
 
 
 def said(text):
-    found = parse(text, "gateway.toml", lambda _: None, str).problems
+    found = parse(text, "gateway.toml", port_trouble=lambda _: None, real_path=str).problems
     return [
         f"{one.severity}: {dotted(one.path)}: {one.what}" + (f" | {one.remedy}" if one.remedy else "")
         for one in found

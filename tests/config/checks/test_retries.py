@@ -10,7 +10,7 @@ TOO_SHORT = "is too short for one repeat after silence (needs {})"
 
 
 def said(keys):
-    found = parse(LINE + keys, "gateway.toml", lambda _: None, str).problems
+    found = parse(LINE + keys, "gateway.toml", port_trouble=lambda _: None, real_path=str).problems
     return [f"{one.severity}: {dotted(one.path)}: {one.what}" for one in found]
 
 

@@ -12,7 +12,7 @@ ROLE = '[[access]]\nrole = "fitter"\nallow = ["read", "write"]\n'
 
 
 def problems(text: str) -> list[str]:
-    found = parse(IMAGE + text, "gateway.toml", lambda _: None, str).problems
+    found = parse(IMAGE + text, "gateway.toml", port_trouble=lambda _: None, real_path=str).problems
     return [f"{one.severity}: {dotted(one.path)}: {one.what}" for one in found]
 
 

@@ -65,7 +65,7 @@ def plan_of(*rows, keys="", more="", devices=DEVICES):
     """The settings of a virtual unit with these rows, and of all else."""
     listed = "".join(f"  {{ {row} }},\n" for row in rows)
     text = f'{devices}[[image]]\nunit = 240\nname = "block"\nstale = "5 s"\n{keys}\nmap = [\n{listed}]\n{more}'
-    loaded = parse(dedent(text), "gateway.toml", lambda _: None, str)
+    loaded = parse(dedent(text), "gateway.toml", port_trouble=lambda _: None, real_path=str)
     assert [str(one) for one in loaded.problems if one.severity == "error"] == []
     return resolve(loaded.config)
 
