@@ -5,7 +5,7 @@
 - kit       what several commands need: the conversation with a gateway, tables, the terminal
 - show      what commands print
 - units     units as commands read and write them
-- profiles  what `profile` prints and adds
+- profiles  what `profile` prints
 - doctor    what `doctor` looks at without a gateway
 - demo      what `demo` runs and prints
 """

@@ -1,6 +1,6 @@
 """Checks the tables of a config against each other: what no single key can tell."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from gateway.config.add_ons import ADD_ONS
@@ -24,8 +24,7 @@ from gateway.config.checks.units import (
     check_references,
 )
 from gateway.config.checks.upstreams import check_upstreams
-from gateway.config.plan.settings import Plan
-from gateway.config.problem import Path, Problem, WrongValue, error, warning
+from gateway.config.problem import Path, Problem, WrongValue, error, errors_in, warning
 from gateway.config.resolve import Planning
 from gateway.config.schema.config import Config
 from gateway.config.values.address import Address
@@ -56,15 +55,22 @@ def check(
     `unit_trouble` the classes of units made in Python.
     """
     config = planning.config
-    looked_at = (
+    found = [
+        *_check_tables(config, failed, real_path),
         *_look_at_ports(config, port_trouble),
         *_look_at_addresses(config, address_trouble),
         *_look_at_units(config, unit_trouble),
-    )
-    found = [*_check_tables(config, failed, real_path), *looked_at]
+    ]
     yield from found
-    if not failed and not _errors(found):
-        yield from _check_settings(planning)
+    if failed or errors_in(found):
+        return
+    of_maps = [*check_planned_maps(planning.maps)]
+    yield from of_maps
+    if not errors_in(of_maps):
+        yield from check_retries(config, planning.plan)
+        yield from check_load(config, planning.plan)
+        for add_on in ADD_ONS:
+            yield from add_on.check_plan(config, planning.plan)
 
 
 def _check_tables(config: Config, failed: frozenset[str], real_path: Callable[[str], str]) -> Iterator[Problem]:
@@ -94,25 +100,6 @@ def _check_tables(config: Config, failed: frozenset[str], real_path: Callable[[s
     yield from check_intervals(config, failed)
     yield from check_addresses(config)
     yield from check_upstreams(config, failed)
-
-
-def _check_settings(planning: Planning) -> Iterator[Problem]:
-    """Find what only the settings of the parts tell. The config has passed all other checks."""
-    found = [*check_planned_maps(planning.maps)]
-    yield from found
-    if not _errors(found):
-        yield from _check_plan(planning.config, planning.plan)
-
-
-def _check_plan(config: Config, plan: Plan) -> Iterator[Problem]:
-    yield from check_retries(config, plan)
-    yield from check_load(config, plan)
-    for add_on in ADD_ONS:
-        yield from add_on.check_plan(config, plan)
-
-
-def _errors(found: Iterable[Problem]) -> bool:
-    return any(problem.severity == "error" for problem in found)
 
 
 def _check_content(config: Config, failed: frozenset[str]) -> Iterator[Problem]:

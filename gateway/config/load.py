@@ -1,7 +1,6 @@
 """Loads a file into a `Config`, or lists all its errors."""
 
 import os
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
@@ -25,7 +24,7 @@ from gateway.config.reading.given_table import TableCopy, Unplaced
 from gateway.config.reading.masking import find_masks
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.profile_file import ProfileFile
-from gateway.config.reading.syntax import syntax_problem
+from gateway.config.reading.syntax import NESTED, read_document
 from gateway.config.reading.tables import LISTS, TableReader
 from gateway.config.resolve import Planning
 from gateway.config.schema.config import PROFILE, Config
@@ -80,7 +79,7 @@ def load(path: str | FilePath, embedding: Embedding | None = None, **troubles: U
         text = read_file_text(FilePath(path))
     except UnreadableFile as wrong:
         remedy = wrong.remedy if FilePath(path).exists() else _NO_CONFIG_YET
-        return _fail(error((), str(wrong), remedy), file, wrong.line, min(wrong.line, 1))
+        return Loaded(None, (wrong.problem(file, remedy),))
     return replace(parse(text, file, embedding=embedding, **troubles), text=text)
 
 
@@ -89,7 +88,7 @@ def load_text(text: str, at: FilePath, embedding: Embedding, **troubles: Unpack[
     text = plain_text(text)
     wrong = find_wrong_text(text)
     if wrong:
-        return _fail(error((), wrong), at.name, 0, 0)
+        return Loaded(None, (error((), wrong).located(at.name, 0, 0),))
     return replace(parse(text, at.name, at=at, embedding=embedding, **troubles), text=text)
 
 
@@ -102,7 +101,7 @@ def load_table(table: Mapping[str, Any], at: FilePath, embedding: Embedding, **t
         places = _Places(Unplaced(copy.table), at.name, copy.table, ProfileFiles.of_config(at))
         return _parsed(places, at, embedding, troubles)
     except RecursionError:
-        return _fail_nested(at.name, 0)
+        return Loaded(None, (NESTED.located(at.name, 0, 0),))
 
 
 def load_profile(path: FilePath, name: str = "") -> ProfileFile:
@@ -138,20 +137,16 @@ def parse(
 
     `at` is the path that says what relative ones mean, if it is another than `file`.
     """
-    try:
-        document = tomllib.loads(text)
-        positions = Positions(text)
-    except ValueError as wrong:  # mostly a TOMLDecodeError; a number of 5000 digits is not
-        problem = syntax_problem(wrong, text, LISTS)
-        return _fail(problem, file, problem.line, problem.column)
-    except RecursionError:
-        return _fail_nested(file)
+    read = read_document(text, file, LISTS)
+    if isinstance(read, Problem):
+        return Loaded(None, (read,))
+    document, positions = read
     at = at or FilePath(file)
     places = _Places(positions, file, document, profile_files or ProfileFiles.of_config(at))
     try:
         return _parsed(places, at, embedding or Embedding(), troubles)
     except RecursionError:  # a key of a thousand parts
-        return _fail_nested(file)
+        return Loaded(None, (NESTED.located(file, 1, 1),))
 
 
 def _parsed(places: "_Places", at: FilePath, embedding: Embedding, troubles: Troubles) -> Loaded:
@@ -222,11 +217,3 @@ def _name(path: Path, document: dict[str, Any]) -> str:
     row = document[str(path[0])][path[1]]
     name = row.get("name") if isinstance(row, dict) else None
     return name if isinstance(name, str) else ""
-
-
-def _fail_nested(file: str, place: int = 1) -> Loaded:
-    return _fail(error((), "is nested too deeply"), file, place, place)
-
-
-def _fail(problem: Problem, file: str, line: int = 1, column: int = 1) -> Loaded:
-    return Loaded(None, (problem.located(file, line, column),))

@@ -1,6 +1,6 @@
 """Problems of a config file, with their places in it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher, get_close_matches
 from typing import Final, Literal, Self
@@ -106,6 +106,12 @@ def did_you_mean(written: str, known: Iterable[str]) -> str:
 
 def _likeness(one: str, other: str) -> float:
     return SequenceMatcher(None, one, other).ratio()
+
+
+def listed(names: Sequence[str], most: int = 3) -> str:
+    """Name the first ones, and count the others: `a, b, c and 2 more`."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def either(names: Iterable[str]) -> str:

@@ -153,8 +153,7 @@ def read_profile_file(file: Path, name: str = "") -> ProfileFile:
     try:
         text = read_file_text(file)
     except UnreadableFile as wrong:
-        problem = error((), str(wrong), wrong.remedy).located(str(file), wrong.line, min(wrong.line, 1))
-        return ProfileFile(name or file.stem, str(file), "", None, (problem,))
+        return ProfileFile(name or file.stem, str(file), "", None, (wrong.problem(file),))
     return parse_profile_file(text, str(file), any_name=not name)
 
 

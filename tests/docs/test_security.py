@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from gateway.operator.answers.running import Reloaded
-from gateway.operator.operation import Asker as OperatorAsker
-from gateway.operator.operation import Nothing
-from gateway.operator.operations import BY_NAME
+from gateway.operator.operations.answers.running import Reloaded
+from gateway.operator.operations.operation import Asker as OperatorAsker
+from gateway.operator.operations.operation import Nothing
+from gateway.operator.operations.table import BY_NAME
 from gateway.readconfig.page_users import new_token, token_hash
 from gateway.request import Caller, Request
 from gateway.routing.router import Router

@@ -39,6 +39,11 @@ def number_of(what: str, example: int) -> Callable[[str], int]:
     return argument
 
 
+def number_or_name(text: str) -> int | str:
+    """Tell the number of a unit from the name of one: a `type` for argparse."""
+    return int(text) if text.isdecimal() else text
+
+
 count = number_of("a number of times", 10)
 baud = number_of("a valid rate", 9600)
 

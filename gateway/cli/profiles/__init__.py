@@ -1,6 +1,5 @@
-"""What `profile` prints and adds.
+"""What `profile` prints.
 
 - known      the profiles that there are, and their list
 - picture    one of them
-- adding     a file that becomes one
 """

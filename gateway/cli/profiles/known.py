@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gateway.cli.kit.columns import align
+from gateway.cli.kit.usage import WrongUsageError
 from gateway.config.load import find_profile, load
 from gateway.config.machine.profile_folders import OWN_PROFILES, folders_of
 from gateway.config.problem import Problem
@@ -35,7 +36,7 @@ class Profiles:
         BrokenFileError: the config has errors.
     """
 
-    def __init__(self, config: str | None) -> None:
+    def __init__(self, config: str | Path | None = None) -> None:
         folders = (OWN_PROFILES,) if config is None else folders_of(Path(config), OWN_PROFILES)
         self.files = ProfileFiles(folders)
         self._tables: dict[str, ProfileTable] = {}
@@ -55,13 +56,23 @@ class Profiles:
             table = file.table
         return Known(table, origin_of(name, table, self.files))
 
+    def get(self, name: str) -> Known:
+        """Find a profile.
+
+        Raises:
+            WrongUsageError: there is none.
+            BrokenFileError: its file has errors.
+        """
+        found = self.find(name)
+        if not isinstance(found, Known) and not found:
+            raise WrongUsageError(f'there is no profile "{name}"', self.files.advise_on(name, self._tables))
+        if not isinstance(found, Known):
+            raise BrokenFileError(found)
+        return found
+
     def names(self) -> list[str]:
         """List all names."""
         return sorted({*self._tables, *self.files.names()})
-
-    def advise_on(self, name: str) -> str:
-        """Say what to do about a profile that does not exist."""
-        return self.files.advise_on(name, self._tables)
 
 
 def find_matching(profiles: Profiles, word: str) -> tuple[list[Known], list[Problem]]:

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.cli.profiles.known import Known
-from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds
+from gateway.cli.show.devices import limits_as_json, limits_table, milliseconds
 from gateway.config.documents.points import identity_text, point_rows
 from gateway.config.plan.forecast import FunctionLimits, function_limits
 from gateway.config.plan.points import points_of

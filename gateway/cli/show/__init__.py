@@ -6,7 +6,7 @@
 - listeners, lines, line_load, servers, images, guarded, published    parts of a config
 - virtual    virtual units, and what stands at their addresses
 - map, register_map    `map`
-- limits    time limits and longest waits, for `check` and `profile`
+- devices    time limits and longest waits, for `check` and `profile`
 - trace_rows    `trace`
 - calibration    `calibrate`
 """

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.config.values.duration import show_duration
-from gateway.operator.answers.measured import Measured
+from gateway.operator.operations.answers.times import Measured
 from gateway.profiles import shipped_text
 from gateway.timing.proposal import MeasuredTimes, Proposal
 from gateway.timing.verdict import ENOUGH_TO_SHORTEN

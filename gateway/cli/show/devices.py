@@ -1,13 +1,14 @@
-"""The devices of a line or upstream, as `check` shows them: their units, longest waits and time limits."""
+"""The devices of a line or upstream, as `check` shows them: units, longest waits, time limits, as `profile` does."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import ceil, floor, log10
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align, without_middles
-from gateway.cli.show.limits import limits_as_json, limits_table, milliseconds, round_up
 from gateway.config.plan.forecast import FunctionLimits, function_limits, owed_after_waking
 from gateway.config.plan.settings import LinePlan, OwnerPlan, Plan
+from gateway.config.problem import listed
 from gateway.config.values.duration import show_duration
 from gateway.config.values.unitset import show_unit, show_units
 from gateway.devices.device import DeviceSettings
@@ -16,6 +17,46 @@ from gateway.upstreams.settings import UpstreamSettings
 
 #: So many devices without a unit are named beside limits that they share, or that sleep.
 _MOST_NAMED: Final = 3
+
+
+def limits_table(limits: tuple[FunctionLimits, ...], indent: str) -> str:
+    """Show the limits of each function as a table."""
+    rows = [
+        (
+            "others" if one.function is None else str(one.function),
+            show_duration(one.one_item),
+            str(one.most) if one.most else "-",
+            show_duration(one.most_items),
+        )
+        for one in limits
+    ]
+    return align([("FUNCTION", "LIMIT FOR 1 ITEM", "MOST ITEMS", "LIMIT FOR MOST"), *rows], indent)
+
+
+def limits_as_json(limits: tuple[FunctionLimits, ...]) -> list[dict[str, Any]]:
+    """Make the limits of each function for programs; `function` is None for all others."""
+    return [
+        {
+            "function": one.function,
+            "one_item_ms": milliseconds(one.one_item),
+            "most_items": one.most,
+            "most_items_ms": milliseconds(one.most_items),
+        }
+        for one in limits
+    ]
+
+
+def round_up(seconds: float) -> str:
+    """Show a time, rounded up to the three digits that are shown."""
+    if not seconds:
+        return "at once"
+    step = max(0.01, 10.0 ** (floor(log10(seconds)) - 2))
+    return show_duration(ceil(seconds / step) * step)
+
+
+def milliseconds(seconds: float) -> float:
+    """Turn a time into that of JSON output."""
+    return round(seconds * 1000, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,9 +164,8 @@ def wakes_as_text(plan: OwnerPlan) -> Iterator[str]:
             names.setdefault((device.wake, owed), []).append(device.name)
     for (wake, owed), alike in names.items():
         sleeps, its = ("sleep", "their") if len(alike) > 1 else ("sleeps", "its")
-        more = f" and {len(alike) - _MOST_NAMED} more" if len(alike) > _MOST_NAMED else ""
         what = f"after {show_duration(wake)} without a request {its} first read is sent twice"
-        yield f"  {', '.join(alike[:_MOST_NAMED])}{more} {sleeps}: {what}."
+        yield f"  {listed(alike)} {sleeps}: {what}."
         if isinstance(plan, LinePlan) and owed:
             fate = "waits" if owed <= plan.line.max_wait else "gets 0B, because max_wait is shorter"
             yield f"  The other answer may come for {round_up(owed)}; until then, a read with that function {fate}."

@@ -8,6 +8,7 @@ from typing import Final
 from gateway.cli.kit.columns import Table
 from gateway.cli.kit.paint import red, yellow
 from gateway.cli.show.status_tables import painted
+from gateway.config.problem import listed
 from gateway.config.values.duration import show_age
 from gateway.fleet.status import SiteStatus
 from gateway.operator.fleet.sites import days_left, is_fine, summary_of, to_fix
@@ -16,9 +17,8 @@ from gateway.tls.status import EARLY
 
 #: Of more sites than this, only those are listed that are not fine.
 MOST: Final = 50
-#: So many configs, or versions, are counted, and so many lines of a site are named.
+#: So many configs, or versions, are counted.
 _MOST_KINDS: Final = 4
-_MOST_NAMES: Final = 3
 
 
 def sites_as_text(told: Sites, day: date, width: int, *, shows_all: bool) -> str:
@@ -43,7 +43,7 @@ def _table(day: date) -> Table[Sites, SiteStatus]:
             "STATE": lambda site: painted(site.state),
             "FOR": lambda site: show_age(1000 * site.for_s),
             "LINES UP": lambda site: site.lines,
-            "DOWN": lambda site: red(_first(site.lines_down)) or "-",
+            "DOWN": lambda site: red(listed(site.lines_down)) or "-",
             "UNITS": lambda site: site.units,
             "TO FIX": lambda site: yellow(str(to_fix(site) or "")) or "-",
             "EXPIRES": lambda site: _in_days(days_left(site, day)),
@@ -52,12 +52,6 @@ def _table(day: date) -> Table[Sites, SiteStatus]:
             "HOST": lambda site: site.host,
         },
     )
-
-
-def _first(names: Sequence[str]) -> str:
-    """Name the first lines that are down, and count the others."""
-    others = len(names) - _MOST_NAMES
-    return ", ".join(names[:_MOST_NAMES]) + (f" and {others} more" if others > 0 else "")
 
 
 def _in_days(left: float) -> str:

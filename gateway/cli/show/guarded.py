@@ -6,12 +6,11 @@ from typing import Any, Final
 
 from gateway.cli.kit.columns import align, without_middles
 from gateway.config.plan.settings import LinePlan, Plan, UpstreamPlan
+from gateway.config.problem import listed
 from gateway.modbus.functions import FUNCTIONS, KNOWN_FUNCTIONS
 from gateway.profiles.guards import Guard
 from gateway.profiles.profile import Profile
 
-#: So many devices are named beside a point that all of them have.
-_MOST_NAMED: Final = 3
 #: Functions that may write, and nobody can tell where.
 _UNKNOWN: Final = frozenset(
     code
@@ -24,7 +23,7 @@ def guarded_as_text(plan: Plan) -> list[str]:
     """Show a table of the guarded points, if there are any, and warn of functions that go past them."""
     rows, unknown = [], []
     for names, profile, is_device in _alike(plan):
-        of = ", ".join(names[:_MOST_NAMED]) + (f" and {len(names) - _MOST_NAMED} more" if names[_MOST_NAMED:] else "")
+        of = listed(names)
         rows += [(of, each.point.name, _place(each), each.point.limits) for each in profile.guards.all]
         if is_device and _has_unknown(profile):
             unknown.append(of)

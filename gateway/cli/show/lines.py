@@ -11,13 +11,14 @@ from gateway.cli.show.devices import (
     devices_table,
     failures_as_text,
     limits_as_text,
+    milliseconds,
     one_of_each_kind,
+    round_up,
     shown_devices,
     units_that_write,
     wakes_as_text,
     writers_of_each,
 )
-from gateway.cli.show.limits import milliseconds, round_up
 from gateway.cli.show.line_load import polls_as_json, polls_as_text, rates_as_json, rates_as_text
 from gateway.cli.show.listeners import listeners_for, through
 from gateway.config.machine.troubles import predict_wire

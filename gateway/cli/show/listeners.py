@@ -3,7 +3,7 @@
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
-from gateway.cli.show.limits import milliseconds
+from gateway.cli.show.devices import milliseconds
 from gateway.config.plan.rights_in_words import (
     addresses_by_area,
     own_numbers,

@@ -14,9 +14,9 @@ from gateway.cli.show.virtual import MappedLine, line_as_json
 from gateway.config.documents.points import number_text
 from gateway.config.values.duration import show_age
 from gateway.modbus.codes import Area
-from gateway.operator.answers.values import Cell
-from gateway.operator.asked import Addresses
-from gateway.operator.operations import IMAGE
+from gateway.operator.operations.answers.values import Cell
+from gateway.operator.operations.asked import Addresses
+from gateway.operator.operations.table import IMAGE
 from gateway.profiles.columns import ACCESS, labels_cell
 from gateway.profiles.point import NO_VALUE
 from gateway.registers.items import has_bits, reference

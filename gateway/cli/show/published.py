@@ -6,6 +6,7 @@ from typing import Any, Final
 from gateway.cli.kit.columns import align, without_middles
 from gateway.config.plan.add_ons import longest_outage
 from gateway.config.plan.settings import MqttPlan, Plan
+from gateway.config.problem import listed
 from gateway.config.values.size import show_size
 from gateway.plant.topics import SparkplugTopics, Topics
 from gateway.profiles.published import PublishedDevice
@@ -22,9 +23,9 @@ def published_as_text(plan: Plan) -> list[str]:
         (
             device.name,
             _topic(mqtt, device),
-            _names(_read(device)),
-            _names(_left_out(plan, device)),
-            _names(_set(device)),
+            listed(_read(device)) or "none",
+            listed(_left_out(plan, device)) or "none",
+            listed(_set(device)) or "none",
         )
         for device in mqtt.devices
     ]
@@ -69,7 +70,7 @@ def _form(mqtt: MqttPlan) -> Iterator[str]:
 
 def _heard(mqtt: MqttPlan) -> Iterator[str]:
     if mqtt.heard:
-        yield f"  Left out, because only others ask them: {_names([*mqtt.heard])}; a mirror can be published."
+        yield f"  Left out, because only others ask them: {listed(mqtt.heard)}; a mirror can be published."
 
 
 def _kept(mqtt: MqttPlan) -> Iterator[str]:
@@ -111,11 +112,3 @@ def _left_out(plan: Plan, device: PublishedDevice) -> list[str]:
 
 def _set(device: PublishedDevice) -> list[str]:
     return [point.name for point in device.points if point.is_writable]
-
-
-def _names(names: list[str]) -> str:
-    """Show as many names as fit into a line of a terminal."""
-    if not names:
-        return "none"
-    shown = ", ".join(names[:3])
-    return shown if len(names) <= 3 else f"{shown} and {len(names) - 3} more"

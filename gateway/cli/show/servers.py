@@ -11,12 +11,13 @@ from gateway.cli.show.devices import (
     devices_table,
     failures_as_text,
     limits_as_text,
+    milliseconds,
     one_of_each_kind,
+    round_up,
     shown_devices,
     units_that_write,
     wakes_as_text,
 )
-from gateway.cli.show.limits import milliseconds, round_up
 from gateway.cli.show.line_load import polls_as_json, polls_as_text
 from gateway.cli.show.lines import show_silence
 from gateway.cli.show.listeners import ON_FAILURE_SILENT, listeners_for, through

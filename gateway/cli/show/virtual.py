@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any, Final, Literal
 
 from gateway.cli.kit.columns import align
-from gateway.cli.show.limits import milliseconds, round_up
+from gateway.cli.show.devices import milliseconds, round_up
 from gateway.config.plan.forecast import waits_by_name
 from gateway.config.plan.settings import Plan
 from gateway.config.values.duration import show_duration

@@ -15,13 +15,12 @@ from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 from pymodbus.pdu import ModbusPDU
 
 from gateway.cli.kit.usage import WrongUsageError
+from gateway.cli.profiles.known import BrokenFileError, Profiles
 from gateway.cli.units.device_server import port_to_ask, settle
 from gateway.cli.units.unit import NoResponseError
-from gateway.config.load import find_profile
 from gateway.config.plan.points import points_of
 from gateway.config.plan.profiles import profile_of
 from gateway.config.problem import WrongValue
-from gateway.config.profile_files import ProfileFiles
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.values.address import Address, parse_address
 from gateway.errors import GatewayError, PortError
@@ -178,13 +177,10 @@ def open_directly(wanted: str, args: argparse.Namespace) -> Iterator[DirectUnit]
 def _points(profile: str | None, place: _Place) -> tuple[Point, ...]:
     if profile is None:
         return ()
-    files = ProfileFiles()
-    file = find_profile(files, profile)
-    if file is None:
-        raise WrongUsageError(f'there is no profile "{profile}"', files.advise_on(profile))
-    if file.table is None:
-        raise DirectError("\n".join(map(str, file.problems)))
-    return place.take(file.table)
+    try:
+        return place.take(Profiles().get(profile).table)
+    except BrokenFileError as broken:
+        raise DirectError("\n".join(map(str, broken.problems))) from None
 
 
 def _tcp_client(args: argparse.Namespace, place: _Place, open_parts: ExitStack) -> _Client:

@@ -42,11 +42,7 @@ def add_habits(parser: argparse.ArgumentParser) -> None:
 
 
 def refuse_habits(verb: str, args: argparse.Namespace) -> None:
-    """Refuse options of mbpoll, and say what to type instead.
-
-    Raises:
-        WrongUsageError: they were.
-    """
+    """Refuse options of mbpoll, and say what to type instead."""
     habits: Mapping[str, Any] = args.habits or {}
     if habits:
         raise WrongUsageError(f"{', '.join(sorted(habits))}: options of mbpoll", _translate(verb, args, habits))

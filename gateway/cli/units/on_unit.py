@@ -12,7 +12,7 @@ from gateway.cli.units.unit import DaemonUnit, Unit
 from gateway.cli.units.words import Command
 from gateway.errors import GatewayError
 from gateway.modbus.functions import only_reads
-from gateway.operator.values import Outcome, Steps
+from gateway.operator.values.steps import Outcome, Steps
 
 Verb = Literal["read", "write"]
 #: What a verb does with a unit and the words behind it. Returns the exit code.

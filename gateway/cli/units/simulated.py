@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.config.machine.profile_folders import OWN_PROFILES, file_of
-from gateway.config.problem import did_you_mean
+from gateway.config.problem import did_you_mean, errors_in
 from gateway.config.values.unitset import show_units
 from gateway.registers.items import has_bits
 from gateway.simulator.device import Device, Mode
@@ -44,11 +44,7 @@ class Group(NamedTuple):
 
 
 def find_groups(wanted: Iterable[tuple[str, tuple[int, ...]]], config: Path | None) -> list[Group]:
-    """Find the kinds of devices that the arguments name.
-
-    Raises:
-        WrongUsageError: there is no such kind, or the config that has it cannot be read.
-    """
+    """Find the kinds of devices that the arguments name."""
     return [Group(name, units, _kind(name, config)) for name, units in wanted]
 
 
@@ -134,22 +130,12 @@ def _kind(name: str, config: Path | None) -> Kind | None:
 
 def _load(name: str, config: Path | None) -> tuple[Kind, bool]:
     """Load a profile, and tell whether it is shipped. What does so takes long to import; KINDS do not need it."""
-    from gateway.config.load import find_profile, load  # noqa: PLC0415
-    from gateway.config.profile_files import ProfileFiles  # noqa: PLC0415
+    from gateway.cli.profiles.known import BrokenFileError, Profiles  # noqa: PLC0415
     from gateway.config.reading.profile_file import SHIPPED  # noqa: PLC0415
     from gateway.simulator.described import kind_of  # noqa: PLC0415
 
-    files, tables = ProfileFiles(), {}
-    if config is not None:
-        files, loaded = ProfileFiles.of_config(config), load(config)
-        if loaded.config is None:
-            raise WrongUsageError("\n".join(loaded.errors))
-        tables = dict(loaded.config.profile)
-    if name not in tables:
-        file = find_profile(files, name)
-        if file is None:
-            raise WrongUsageError(f'there is no profile "{name}"', files.advise_on(name, tables))
-        if file.table is None:
-            raise WrongUsageError("\n".join(map(str, file.problems)))
-        tables[name] = file.table
-    return kind_of(name, tables[name]), tables[name].place == SHIPPED
+    try:
+        table = Profiles(config).get(name).table
+    except BrokenFileError as broken:
+        raise WrongUsageError("\n".join(errors_in(broken.problems))) from None
+    return kind_of(name, table), table.place == SHIPPED

@@ -48,11 +48,7 @@ class Assignment(NamedTuple):
 
 
 def find_points(command: Command, words: Sequence[str]) -> list[Point]:
-    """Find the points to read: all points of the unit, some of them, or values at addresses.
-
-    Raises:
-        WrongUsageError: the words cannot be understood.
-    """
+    """Find the points to read: all points of the unit, some of them, or values at addresses."""
     if not words:
         found = [point for point in command.points if point.write != "only"]
         if not found:
@@ -66,11 +62,7 @@ def find_points(command: Command, words: Sequence[str]) -> list[Point]:
 
 
 def find_assignments(command: Command, words: Sequence[str]) -> list[Assignment]:
-    """Find what to write: a value to a point, or values from an address on.
-
-    Raises:
-        WrongUsageError: the words cannot be understood, or the place cannot be written.
-    """
+    """Find what to write: a value to a point, or values from an address on."""
     if words and words[0] in set(Area):
         return _assign_to_addresses(command, words)
     if not words:

@@ -62,11 +62,7 @@ def _find(name: str) -> Operation[Any, Any]:
 
 
 def _read(operation: Operation[Any, Any], words: Sequence[str]) -> Any:
-    """Read the parameters.
-
-    Raises:
-        WrongUsageError: they are not those of the operation.
-    """
+    """Read the parameters."""
     known = {each.name: each for each in parameters_of(operation.parameters)}
     remedy = show_parameters(operation)
     given: dict[str, object] = {}

@@ -9,7 +9,7 @@ from typing import Final
 from gateway.cli.kit.columns import align
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.progress import progress
-from gateway.cli.kit.usage import number_of, parsed_by
+from gateway.cli.kit.usage import number_of, number_or_name, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.values.duration import parse_duration, show_duration
 from gateway.config.values.unitset import show_unit
@@ -28,7 +28,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `bench`."""
     add = parser.add_argument
     add("line", metavar="LINE", help="name of the line")
-    add("--unit", metavar="UNIT", help="read one unit, by number or name (default: all of the line in turn)")
+    add(
+        "--unit",
+        type=number_or_name,
+        metavar="UNIT",
+        help="read one unit, by number or name (default: all of the line in turn)",
+    )
     add(
         "--items",
         type=number_of("a valid number of items", 10),
@@ -45,10 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, and print both rates; 1 when a read failed."""
-    unit = int(args.unit) if args.unit is not None and args.unit.isdecimal() else args.unit
     with Conversation(which_gateway(args)) as daemon:
         daemon.wait_for(args.seconds + _SLACK)
-        asked = ToMeasure(args.line, unit, args.seconds, args.items, args.at, progress=True)
+        asked = ToMeasure(args.line, args.unit, args.seconds, args.items, args.at, progress=True)
         result = _measure(daemon, asked)
     print(json.dumps(asdict(result), indent=2, ensure_ascii=False) if args.json else show_bench(result))
     return PROBLEM_FOUND if result.failed else FINE

@@ -22,8 +22,8 @@ from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
 from gateway.errors import DaemonError
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT
-from gateway.operator.asked import ToExamine
-from gateway.operator.operations import DOCTOR
+from gateway.operator.operations.asked import ToExamine
+from gateway.operator.operations.table import DOCTOR
 from gateway.timing.characters import CharacterFormat
 from gateway.tools.outside import findings_about
 

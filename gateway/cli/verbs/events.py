@@ -11,7 +11,7 @@ from typing import Final
 
 from gateway.cli.kit.daemon import Conversation, GatewayGoneError, add_control_argument, which_gateway
 from gateway.cli.kit.paint import red, yellow
-from gateway.cli.kit.usage import parsed_by
+from gateway.cli.kit.usage import number_or_name, parsed_by
 from gateway.cli.main import FINE
 from gateway.config.values.duration import parse_duration
 from gateway.operator.operations.answers.events import Told
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"events of the last 1h, 24h or 2days (default: the last {_LAST} events)",
     )
     add("--line", metavar="LINE", help="only this line or upstream, with its units")
-    add("--unit", metavar="U", help="only this unit: the number that clients use, or a name")
+    add("--unit", type=number_or_name, metavar="U", help="only this unit: the number that clients use, or a name")
     add("--client", metavar="CLIENT", help="only this client: its address, or the name of a user")
     add("--worst", action="store_true", help="only warnings and errors")
     add("--json", action="store_true", help="print JSON, an object on each line, instead of rows")
@@ -46,13 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print what has happened; with `-f` also what happens until Ctrl-C, or until the gateway stops."""
-    unit = args.unit
-    chosen = ToList(
-        level="warning" if args.worst else "info",
-        line=args.line,
-        unit=int(unit) if unit is not None and unit.isdecimal() else unit,
-        client=args.client,
-    )
+    level = "warning" if args.worst else "info"
+    chosen = ToList(level=level, line=args.line, unit=args.unit, client=args.client)
     last = None if args.since is not None else _LAST_BEFORE if args.follow else _LAST
     with Conversation(which_gateway(args)) as daemon:
         answer = daemon.ask(EVENTS, replace(chosen, since=args.since, count=last))

@@ -3,14 +3,14 @@
 import argparse
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
-from gateway.config.problem import Problem, did_you_mean, error
+from gateway.config.problem import did_you_mean, listed
 from gateway.config.reading.hub_file import HubFile, parse_hub_file
 from gateway.config.schema.hub import Hub
 from gateway.fleet.hub.config import sites_of
@@ -47,6 +47,16 @@ and in its config:
   [fleet]
   servers     = ["{server}"]
   credentials = "/etc/modbus-gateway/fleet.creds\""""
+
+#: Others are in that group, too: where a key may ask all sites, only root reads it, and systemd hands it over.
+_AT_CONTROL: Final = """
+At {sites}, where the key may ask all sites, this instead:
+  sudo install -D -m 600 {creds} /etc/modbus-gateway/fleet.creds
+in its config:
+  credentials = {{ credential = "fleet" }}
+and with `sudo systemctl edit modbus-gateway`:
+  [Service]
+  LoadCredential=fleet:/etc/modbus-gateway/fleet.creds"""
 
 _AT_LEAF: Final = """
 At sites with a leaf node ({sites}), servers = ["nats://127.0.0.1:4222"], and:
@@ -87,11 +97,7 @@ def _read(file: Path) -> HubFile:
     try:
         return parse_hub_file(read_file_text(file), str(file))
     except UnreadableFile as wrong:
-        return HubFile(None, (_unreadable(file, wrong),))
-
-
-def _unreadable(file: Path, wrong: UnreadableFile) -> Problem:
-    return error((), str(wrong), wrong.remedy).located(str(file), wrong.line, min(wrong.line, 1))
+        return HubFile(None, (wrong.problem(file),))
 
 
 def _check_renewed(site: str | None, hub: Hub) -> None:
@@ -109,16 +115,19 @@ def _lines(hub: Hub, written: Written) -> Iterator[str]:
     folder = written.folder
     yield f"{folder / CONFIG} has {len(sites_of(hub))} sites; {', '.join(hub.control)} may ask all others."
     if written.new:
-        yield f"New: {_named(written.new, CREDENTIALS)}. Each is a secret key; once it is at its site, delete it here."
+        new = listed([f"{name}{CREDENTIALS}" for name in written.new], _MOST_NAMES)
+        yield f"New: {new}. Each is a secret key; once it is at its site, delete it here."
     if written.removed:
-        yield f"Removed: {_named(written.removed)}. After a reload the hub refuses their keys."
+        yield f"Removed: {listed(written.removed, _MOST_NAMES)}. After a reload the hub refuses their keys."
     if written.useless:
-        yield f"Not used any more, and can be deleted: {_named(written.useless)}."
+        yield f"Not used any more, and can be deleted: {listed(written.useless, _MOST_NAMES)}."
     yield _AT_HUB.format(config=folder / CONFIG, load=_RELOAD if written.kept else _RESTART)
     if written.new:
         yield _AT_SITE.format(site="SITE", creds=f"SITE{CREDENTIALS}", server=_server(hub)) + _authority(hub)
+    if control := [name for name in hub.control if name in written.new]:
+        yield _AT_CONTROL.format(sites=listed(control, _MOST_NAMES), creds=f"SITE{CREDENTIALS}")
     if hub.leaf_nodes:
-        yield _AT_LEAF.format(sites=_named(hub.leaf_nodes), config=f"SITE{LEAF_CONFIG}")
+        yield _AT_LEAF.format(sites=listed(hub.leaf_nodes, _MOST_NAMES), config=f"SITE{LEAF_CONFIG}")
     if hub.certificate is None and hub.listen is None:
         yield "\nWithout certificate and key, only programs on the machine of the hub reach it: docs/fleet.md."
 
@@ -134,9 +143,3 @@ def _server(hub: Hub) -> str:
 
 def _authority(hub: Hub) -> str:
     return "" if hub.ca is None else f'\n  ca          = "{hub.ca}"'
-
-
-def _named(names: Sequence[str], ending: str = "") -> str:
-    shown = ", ".join(f"{name}{ending}" for name in names[:_MOST_NAMES])
-    more = len(names) - _MOST_NAMES
-    return f"{shown} and {more} more" if more > 0 else shown

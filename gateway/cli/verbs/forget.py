@@ -5,6 +5,7 @@ import json
 from collections.abc import Iterator
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, tell_which, which_gateway
+from gateway.cli.kit.usage import number_or_name
 from gateway.cli.main import FINE
 from gateway.control.messages import result_in
 from gateway.devices.moved import show_addresses
@@ -15,17 +16,18 @@ from gateway.operator.operations.table import FORGET
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `forget`."""
-    parser.add_argument("device", metavar="DEVICE", help="the device, by its name or its unit number")
+    parser.add_argument(
+        "device", type=number_or_name, metavar="DEVICE", help="the device, by its name or its unit number"
+    )
     add_control_argument(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
 def run(args: argparse.Namespace) -> int:
     """Forget, and print where the device is asked now."""
-    device = int(args.device) if args.device.isdecimal() else args.device
     with Conversation(which_gateway(args)) as daemon:
         tell_which(daemon.gateway)
-        answer = daemon.ask_for_json(FORGET, OneDevice(device))
+        answer = daemon.ask_for_json(FORGET, OneDevice(args.device))
         forgotten = result_in(FORGET, answer)
     if args.json:
         print(json.dumps({**answer, "through": str(daemon.gateway)}, indent=2, ensure_ascii=False))

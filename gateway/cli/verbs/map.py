@@ -63,11 +63,7 @@ def _config(args: argparse.Namespace) -> str:
 
 
 def _find(unit: str, plan: Plan) -> RegisterMap:
-    """Make the map of the unit with a number or a name.
-
-    Raises:
-        WrongUsageError: there is none, or nothing is known of its registers.
-    """
+    """Make the map of the unit with a number or a name."""
     known = units_with_maps(plan)
     by_number = {str(number): name for name, number in known.items() if number is not None}
     name = unit if unit in known else by_number.get(unit)

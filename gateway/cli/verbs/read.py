@@ -17,7 +17,7 @@ from gateway.cli.units.unit import NoResponseError, Unit, add_unit_arguments
 from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, frames_as_text, picture, table
 from gateway.cli.units.words import Command, find_points
 from gateway.config.values.duration import parse_duration
-from gateway.operator.values import Outcome, reading
+from gateway.operator.values.steps import Outcome, reading
 from gateway.profiles.point import NO_VALUE, Point
 
 #: How often to read when only the number of times is said, in seconds.

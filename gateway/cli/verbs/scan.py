@@ -100,11 +100,7 @@ def _ask_daemon(args: argparse.Namespace, parts: ExitStack, tell: Callable[[Prog
 
 
 def _units(words: Sequence[str]) -> list[str] | None:
-    """Parse the unit set that the words name; None for all.
-
-    Raises:
-        WrongUsageError: they name none.
-    """
+    """Parse the unit set that the words name; None for all."""
     units = [part.strip() for word in words for part in word.split(",")]
     try:
         return [str(unit) for unit in parse_units(units, first=0)] if units else None

@@ -150,11 +150,7 @@ def _introduce_server(server: SimulatedServer, groups: list[Group]) -> str:
 
 
 def _check_has_no_line(args: argparse.Namespace) -> None:
-    """Check that nothing is set that only a line has.
-
-    Raises:
-        WrongUsageError: something is.
-    """
+    """Check that nothing is set that only a line has."""
     for option in ("mode", "format", "baud", "noise"):
         if getattr(args, option):
             raise WrongUsageError(f"--{option} is for a line, and --tcp has none", "leave it out, or use --port")

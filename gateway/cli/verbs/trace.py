@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
-from gateway.cli.kit.usage import WrongUsageError, count, let_options_stand_anywhere, parsed_by
+from gateway.cli.kit.usage import WrongUsageError, count, let_options_stand_anywhere, number_or_name, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.cli.show.trace_rows import rows
 from gateway.config.values.duration import parse_duration
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _ABOUT
     add = parser.add_argument
     add("line", nargs="?", metavar="LINE", help="the line or upstream to look at (default: all)")
-    add("--unit", metavar="U", help="only this unit: the number that clients use, or a name")
+    add("--unit", type=number_or_name, metavar="U", help="only this unit: the number that clients use, or a name")
     add(
         "--since",
         type=parsed_by(parse_duration),
@@ -155,9 +155,7 @@ class _Follower:
 
     def __init__(self, daemon: Conversation, args: argparse.Namespace) -> None:
         self._daemon = daemon
-        self._chosen = Traced(
-            line=args.line, unit=None if args.unit is None else _unit(args.unit), points=args.pcapng is None
-        )
+        self._chosen = Traced(line=args.line, unit=args.unit, points=args.pcapng is None)
         self._count: int | None = args.count
         lines = daemon.ask(TRACE, replace(self._chosen, after=0, lines=True)).lines
         self.modes = {line.name: line.mode for line in lines}
@@ -193,7 +191,3 @@ class _Follower:
                 if not is_live:
                     return
                 time.sleep(_STEP)
-
-
-def _unit(text: str) -> int | str:
-    return int(text) if text.isdecimal() else text

@@ -10,14 +10,14 @@ from typing import Final
 from gateway.cli.kit.columns import align, narrow
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.paint import dim, red, yellow
-from gateway.cli.kit.usage import let_options_stand_anywhere
+from gateway.cli.kit.usage import let_options_stand_anywhere, number_or_name
 from gateway.cli.kit.watching import WATCH_HELP, Screen, repeat, watch
 from gateway.cli.main import FINE
 from gateway.config.values.duration import show_age
-from gateway.operator.answers.known_values import KnownValue, KnownValues
-from gateway.operator.asked import KnownOf
-from gateway.operator.operations import VALUES
-from gateway.operator.values_csv import values_as_csv
+from gateway.operator.operations.answers.known_values import KnownValue, KnownValues
+from gateway.operator.operations.asked import KnownOf
+from gateway.operator.operations.table import VALUES
+from gateway.operator.values.values_csv import values_as_csv
 
 _HEADINGS: Final = ("DEVICE", "POINT", "VALUE", "UNIT", "STATE", "AGE", "SOURCE")
 #: The columns that may be shortened.
@@ -30,7 +30,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `values`."""
     let_options_stand_anywhere(parser)
     add_control_argument(parser)
-    parser.add_argument("unit", nargs="?", metavar="UNIT|NAME", help="only those of this device: its number or name")
+    parser.add_argument(
+        "unit",
+        nargs="?",
+        type=number_or_name,
+        metavar="UNIT|NAME",
+        help="only those of this device: its number or name",
+    )
     parser.add_argument("-w", "--watch", action="store_true", help=WATCH_HELP)
     output = parser.add_mutually_exclusive_group()
     output.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -50,20 +56,16 @@ def run(args: argparse.Namespace) -> int:
     return FINE
 
 
-def _wanted(args: argparse.Namespace) -> KnownOf:
-    return KnownOf(int(args.unit) if args.unit and args.unit.isdecimal() else args.unit)
-
-
 def _ask(args: argparse.Namespace) -> KnownValues:
     with Conversation(which_gateway(args)) as daemon:
-        return daemon.ask(VALUES, _wanted(args))
+        return daemon.ask(VALUES, KnownOf(args.unit))
 
 
 def _for_programs(args: argparse.Namespace) -> str:
     if args.csv:
         return values_as_csv(_ask(args).values).rstrip("\n")
     with Conversation(which_gateway(args)) as daemon:
-        answer = daemon.ask_for_json(VALUES, _wanted(args))
+        answer = daemon.ask_for_json(VALUES, KnownOf(args.unit))
         told = {name: answer[name] for name in ("values", "hint")}
         return json.dumps(told, indent=None if args.watch else 2, ensure_ascii=False)
 

@@ -14,7 +14,7 @@ from gateway.cli.units.unit import Unit, add_unit_arguments
 from gateway.cli.units.values import as_json, failure_in_words, frames_as_json, frames_as_text, picture, table
 from gateway.cli.units.words import Command, find_assignments
 from gateway.errors import DoesNotFit
-from gateway.operator.values import NewValues, Outcome, writing
+from gateway.operator.values.steps import NewValues, Outcome, writing
 
 _ABOUT: Final = """\
 UNIT is a unit number or the name of a device. AREA is coils or holding.

@@ -7,8 +7,7 @@ from gateway.config.checks.listeners import numbers_on
 from gateway.config.checks.units import ONLY_HEARD, heard_units, not_configured, served_units
 from gateway.config.plan.access import access_row, networks_of, sites_of
 from gateway.config.plan.names import owners, rows_of
-from gateway.config.plan.reach import client_lines, is_apart, only_part
-from gateway.config.plan.settings import DEFAULT_LISTENER
+from gateway.config.plan.reach import all_listeners, client_lines, is_apart, only_part
 from gateway.config.problem import Problem, did_you_mean, error, warning
 from gateway.config.schema.access import Access
 from gateway.config.schema.config import Config
@@ -105,7 +104,7 @@ def _check_reserve(listen: Listen, config: Config, failed: frozenset[str]) -> It
 
 def _this_machine(listen: Listen, config: Config) -> str:
     """List the local addresses that can reach a listener, as a row names them."""
-    networks = [own for own in LOOPBACK if not _explain_unreachable(listen, own, _listeners(config))]
+    networks = [own for own in LOOPBACK if not _explain_unreachable(listen, own, all_listeners(config))]
     return ", ".join(f'"{str(own).removesuffix("/128")}"' for own in networks)
 
 
@@ -129,7 +128,7 @@ def _check_addresses(row: Access) -> Iterator[Problem]:
 
 def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
     cables = [*(line.label for line in config.line if line.role == "server"), *WITHOUT_ADDRESSES]
-    known = [*(listen.label for listen in _listeners(config)), *cables, *RESERVED]
+    known = [*(listen.label for listen in all_listeners(config)), *cables, *RESERVED]
     for index, name in enumerate(row.listen or ()):
         path = (*row.path, "listen", index)
         if name not in known:
@@ -145,18 +144,9 @@ def _check_listeners(row: Access, config: Config) -> Iterator[Problem]:
         yield error((*row.path, "listen"), what, "write a row for each kind")
 
 
-def _listeners(config: Config) -> tuple[Listen, ...]:
-    """List the listeners in the file, or the default one."""
-    if not config.listens_by_default:
-        return config.listen
-    default = DEFAULT_LISTENER
-    bind = f"{default.scheme}://{default.host}:{default.port}"
-    return (Listen.model_validate({"name": default.name, "bind": bind}),)
-
-
 def _check_networks(row: Access, config: Config) -> Iterator[Problem]:
     """Find networks from which no client can connect, as far as the addresses in the file tell."""
-    listeners = _listeners(config)
+    listeners = all_listeners(config)
     meant = [listen for listen in listeners if row.listen is None or listen.label in row.listen]
     for index, network in enumerate(row.networks or ()):
         if isinstance(network, Site):

@@ -4,22 +4,27 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from gateway.config.checks.map_rows import check_row
 from gateway.config.plan.areas import ranges_in
 from gateway.config.plan.map_place import MapTarget
-from gateway.config.plan.map_rows import MapPart, PlannedRow
+from gateway.config.plan.map_rows import EVERY_POINT, MapPart, PlannedRow
 from gateway.config.plan.virtual import Maps
-from gateway.config.problem import Path, Problem, did_you_mean, error, warning
+from gateway.config.problem import Path, Problem, did_you_mean, error, listed, warning
 from gateway.config.schema.image import Image, Mapped
 from gateway.config.values.duration import show_duration
 from gateway.images.virtual.settings import MappedValue
 from gateway.modbus.codes import Area
 from gateway.modbus.functions import READERS
 from gateway.modbus.pdu import Span
+from gateway.registers.datatypes import BYTE_TYPES
 from gateway.registers.items import has_bits
 
-#: So many names, or gaps, are told.
+#: So many gaps are told.
 _MOST_TOLD: Final = 3
+#: The keys that say what a row has, and those that only some rows have.
+_SOURCES: Final = ("point", *Area)
+_OF_VALUES: Final = ("point", *Area, "every", "type", "swap", "scale", "offset", "write", "when_stale")
+_OF_CONVERSION: Final = ("type", "scale", "offset")
+_EXAMPLE: Final = 'such as { at = 0, device = "meter-1", point = "power", every = "1 s" }'
 
 
 def check_map(image: Image) -> Iterator[Problem]:
@@ -84,8 +89,7 @@ def _check_fresh(image: Image) -> Iterator[Problem]:
 
 
 def _without_bit(path: Path, devices: list[str]) -> Problem:
-    more = f" and {len(devices) - _MOST_TOLD} more" if len(devices) > _MOST_TOLD else ""
-    what = f"clients could not tell that values of {', '.join(devices[:_MOST_TOLD])}{more} are stale"
+    what = f"clients could not tell that values of {listed(devices)} are stale"
     return error(path, what, f'add a row with a bit for it: {{ at = ADDRESS, fresh = ["{devices[0]}"] }}')
 
 
@@ -233,3 +237,51 @@ def _farthest(placed: Sequence[_Placed]) -> Iterator[_Placed]:
         if each.span.end > end:
             end = each.span.end
             yield each
+
+
+def check_row(row: Mapped) -> Iterator[Problem]:
+    """Find a row that is no kind of row, or more than one, and keys that do not belong to its kind."""
+    kinds = [key for key in ("device", "fresh", "age") if row.has(key)]
+    if len(kinds) != 1:
+        what = (
+            "must have one of device, fresh and age" if not kinds else f"has {' and '.join(kinds)}, and one is needed"
+        )
+        yield error(row.path, what, _EXAMPLE if not kinds else "make several rows of it")
+        return
+    if kinds == ["device"]:
+        yield from _check_value(row)
+    else:
+        for key in filter(row.has, _OF_VALUES):
+            yield error((*row.path, key), f"only a row with device has it, and this has {kinds[0]}", "take it out")
+        if row.has("fresh") and not row.fresh:
+            yield error((*row.path, "fresh"), "is empty", 'name devices of this map, such as ["meter-1"]')
+    if isinstance(row.at, str):
+        yield from _check_named_place(row)
+
+
+def _check_value(row: Mapped) -> Iterator[Problem]:
+    named = [key for key in _SOURCES if row.has(key)]
+    if len(named) != 1:
+        yield error(row.path, "must have one of point, holding, input, coils and discrete", _EXAMPLE)
+    if not row.has("point"):
+        for key in filter(row.has, _OF_CONVERSION):
+            what = "registers of a range are as they are; only points have values"
+            yield error((*row.path, key), what, "take it out, or name a point")
+    if row.type is not None and (row.type in BYTE_TYPES or row.type == "bit"):
+        yield error((*row.path, "type"), f"{row.type} is not all of a register", 'write "uint16" or "int16"')
+    if row.scale == 0:
+        yield error((*row.path, "scale"), "must not be 0: the value is divided by it")
+    if row.type == "string":
+        for key in ("scale", "offset"):
+            if row.has(key):
+                yield error((*row.path, key), "text has none", "take it out")
+
+
+def _check_named_place(row: Mapped) -> Iterator[Problem]:
+    """Find keys that say what the point of the profile says."""
+    if row.point == EVERY_POINT:
+        yield error((*row.path, "at"), "must be an address where several points are mapped")
+    for key in ("area", "type", "swap", "scale", "offset"):
+        if row.has(key):
+            what = f'the point "{row.at}" of the profile says it'
+            yield error((*row.path, key), what, "take it out, or write an address for at")

@@ -6,7 +6,7 @@ from typing import Final
 
 from gateway.config.plan.add_ons import EXCLUDES, Publishable, names_device, names_point, publishable
 from gateway.config.plan.settings import Plan
-from gateway.config.problem import Problem, did_you_mean, error, warning
+from gateway.config.problem import Problem, did_you_mean, error, listed
 from gateway.config.schema.config import Config
 from gateway.config.schema.mqtt import Mqtt, Publish
 from gateway.config.values.broker import SPARKPLUG, is_topic_part
@@ -18,7 +18,6 @@ from gateway.routing.access import EntryPoint
 from gateway.routing.rights import Rights
 
 _TLS_KEYS: Final = ("ca", "certificate", "key", "server_name")
-_MOST_NAMES: Final = 3
 #: Names in plain messages: the topic beside those of devices, and the key beside those of points.
 _STATUS: Final = "status"
 _TIME: Final = "time"
@@ -118,13 +117,13 @@ def _check_row(row: Publish, known: tuple[Publishable, ...], heard_on: Mapping[s
     if not points:
         what = "has no points" if len(meant) == 1 else "are devices without points"
         remedy = "give points to its profile, or to the device itself"
-        yield error((*row.path, "device"), f"{_named([each.name for each in meant])} {what}", remedy)
+        yield error((*row.path, "device"), f"{listed([each.name for each in meant])} {what}", remedy)
         return
     names = [point.name for point in points]
     missing = [each for each in enumerate(row.points) if not fnmatch.filter(names, each[1].removeprefix(EXCLUDES))]
     for index, pattern in missing:
         name = pattern.removeprefix(EXCLUDES)
-        what = f'{_named([each.name for each in meant])} has no point "{name}"'
+        what = f'{listed([each.name for each in meant])} has no point "{name}"'
         yield error((*row.path, "points", index), what, did_you_mean(name, names))
     if not missing and not any(names_point(row, name) for name in names):
         yield error((*row.path, "points"), "leaves no point to publish", "leave the row out, or fewer of its points")
@@ -134,27 +133,10 @@ def _check_topics(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[
     """Find devices whose names cannot be parts of topics, or mean something else there. Names of points always can."""
     wrong = [device.name for device in devices if not is_topic_part(device.name)]
     if wrong:
-        what = f"{_named(wrong)} cannot be a part of topics, where +, # and / mean something else"
+        what = f"{listed(wrong)} cannot be a part of topics, where +, # and / mean something else"
         yield error((*mqtt.path, "publish"), what, "give the device another name: name = ...")
     if mqtt.sparkplug is None:
         yield from _check_taken(mqtt, devices)
-    else:
-        yield from _check_alike(mqtt, [device.name for device in devices], "devices")
-        for device in devices:
-            yield from _check_alike(mqtt, [point.name for point in device.points], f"points of {device.name}")
-
-
-def _check_alike(mqtt: Mqtt, names: list[str], what: str) -> Iterator[Problem]:
-    """Find names that differ by case only, which Sparkplug hosts may take for one."""
-    alike: dict[str, list[str]] = {}
-    for name in names:
-        alike.setdefault(name.casefold(), []).append(name)
-    for same in alike.values():
-        if len(same) > 1:
-            problem = (
-                f"the {what} {_named(same)} differ by upper and lower case only: Sparkplug hosts may take them for one"
-            )
-            yield warning((*mqtt.path, "publish"), problem, "give them other names")
 
 
 def _check_taken(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:
@@ -179,11 +161,11 @@ def _check_rights(mqtt: Mqtt, devices: tuple[PublishedDevice, ...], plan: Plan) 
     unread = [device.name for device in devices if not all(_may_read(rights, device, one) for one in device.points)]
     remedy = f'a row of [[access]] names "{MQTT}", so another must allow it'
     if unread:
-        what = f"{_named(unread)} may not be read"
+        what = f"{listed(unread)} may not be read"
         yield error((*mqtt.path, "publish"), what, f'{remedy}: listen = ["{MQTT}"], allow = ["read"]')
     shut = [device.name for device in devices if any(_is_shut(rights, device, one) for one in device.points)]
     if shut:
-        what = f"{_named(shut)} may not be written"
+        what = f"{listed(shut)} may not be written"
         yield error((*mqtt.path, "write"), what, f'{remedy}: listen = ["{MQTT}"], allow = ["read", "write"]')
 
 
@@ -194,8 +176,3 @@ def _may_read(rights: Rights, device: PublishedDevice, point: PublishedPoint) ->
 def _is_shut(rights: Rights, device: PublishedDevice, point: PublishedPoint) -> bool:
     """Tell whether a point is to be written, and no request that writes it is allowed."""
     return point.is_writable and not any(rights.permits("", device.unit, pdu) for pdu in writes_of(point.point))
-
-
-def _named(names: list[str]) -> str:
-    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-    return ", ".join(names[:_MOST_NAMES]) + more

@@ -5,7 +5,7 @@ import stat
 from pathlib import Path
 from typing import Final
 
-from gateway.config.problem import Problem, warning
+from gateway.config.problem import Problem, error, warning
 
 #: The largest config, in bytes: a unit of a line is written in 100.
 MOST_BYTES: Final = 1024 * 1024
@@ -22,6 +22,11 @@ class UnreadableFile(Exception):  # noqa: N818 - it is the file that is wrong, n
         super().__init__(what)
         self.remedy = remedy
         self.line = line
+
+    def problem(self, file: str | Path, remedy: str | None = None) -> Problem:
+        """Make it a problem of this file."""
+        found = error((), str(self), self.remedy if remedy is None else remedy)
+        return found.located(str(file), self.line, min(self.line, 1))
 
 
 def folder_of(file: Path) -> Path:

@@ -12,11 +12,7 @@ _BITS_OF_REGISTER = 16
 
 
 def as_written(row: Mapped, point: Point, place: RowPlace, target: MapTarget) -> Point | None:
-    """Make the point as it is written at this place; None if it has its registers, or its coil, as they are.
-
-    Raises:
-        WrongRow: it cannot be written so.
-    """
+    """Make the point as it is written at this place; None if it has its registers, or its coil, as they are."""
     if place.point is not None:
         return _as_point_of_profile(row, point, place.point, target)
     if has_bits(place.area):

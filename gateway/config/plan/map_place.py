@@ -77,11 +77,7 @@ class RowPlace(NamedTuple):
     point: Point | None = None
 
     def check_size(self, count: int, key: str) -> None:
-        """Check that so many registers or coils, which are not the value of a point, are as many as the point has here.
-
-        Raises:
-            WrongRow: they are not.
-        """
+        """Check that so many registers or coils, which are no value of a point, are as many as the point has here."""
         if self.point is not None and self.point.count != count:
             what = f"takes {count}, and point {self.point.name} has {self.point.count}"
             raise WrongRow(key, what, "map as many as it has, or write an address for at")
@@ -96,11 +92,7 @@ class MapTarget:
     points: Mapping[str, Point]
 
     def place_of(self, row: Mapped) -> RowPlace:
-        """Find where a row begins.
-
-        Raises:
-            WrongRow: the profile has no such point, or it is no whole register.
-        """
+        """Find where a row begins."""
         if isinstance(row.at, int):
             return RowPlace(Area(row.area), row.at)
         point = self.points.get(row.at)
@@ -116,11 +108,7 @@ class MapTarget:
         raise WrongRow("at", f'profile {name} has no point "{row.at}"', remedy)
 
     def span(self, area: Area, start: int, count: int) -> Span:
-        """Make the addresses of a row, or of a part of it.
-
-        Raises:
-            WrongRow: there are no such addresses, or the profile does not have them.
-        """
+        """Make the addresses of a row, or of a part of it."""
         span = Span(area, start, count)
         if span.end > MOST_ITEMS:
             raise WrongRow("at", f"ends at {span.end - 1}, and the last address is {MOST_ITEMS - 1}")

@@ -12,10 +12,16 @@ from gateway.modbus.codes import FIRST_UNIT, LAST_UNIT
 
 def listening(config: Config) -> tuple[tuple[Address, str], ...]:
     """List the addresses where clients can connect, each with its place in the file."""
-    if config.listens_by_default:
-        default = Address(DEFAULT_LISTENER.scheme, DEFAULT_LISTENER.host, DEFAULT_LISTENER.port)
-        return ((default, "the default listener"),)
-    return tuple((each.bind, each.place) for each in config.listen)
+    return tuple((each.bind, each.place or "the default listener") for each in all_listeners(config))
+
+
+def all_listeners(config: Config) -> tuple[Listen, ...]:
+    """List the listeners in the file, or the default one."""
+    if not config.listens_by_default:
+        return config.listen
+    default = DEFAULT_LISTENER
+    bind = f"{default.scheme}://{default.host}:{default.port}"
+    return (Listen.model_validate({"name": default.name, "bind": bind}),)
 
 
 def only_part(listen: Listen) -> str | None:

@@ -1,6 +1,5 @@
 """The file of `fleet hub`, read and checked."""
 
-import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from typing import Final, NamedTuple
@@ -8,8 +7,7 @@ from typing import Final, NamedTuple
 from pydantic import ValidationError
 
 from gateway.config.problem import Path, Problem, did_you_mean, error
-from gateway.config.reading.positions import Positions
-from gateway.config.reading.syntax import syntax_problem
+from gateway.config.reading.syntax import read_document
 from gateway.config.reading.wording import value_problems
 from gateway.config.schema.hub import Hub
 
@@ -27,14 +25,10 @@ class HubFile(NamedTuple):
 
 def parse_hub_file(text: str, file: str) -> HubFile:
     """Parse `text`, the content of `file`."""
-    try:
-        document = tomllib.loads(text)
-        positions = Positions(text)
-    except ValueError as wrong:
-        problem = syntax_problem(wrong, text, ())
-        return HubFile(None, (problem.located(file, problem.line, problem.column),))
-    except RecursionError:
-        return HubFile(None, (error((), "is nested too deeply").located(file, 1, 1),))
+    read = read_document(text, file)
+    if isinstance(read, Problem):
+        return HubFile(None, (read,))
+    document, positions = read
     try:
         hub = Hub.model_validate(document)
     except ValidationError as wrong:
@@ -81,13 +75,6 @@ def _check_names(hub: Hub) -> Iterator[Problem]:
             yield error(path, f"{name} is control too, which may be asked like any site", "remove it here")
         elif name in hub.sites[:index]:
             yield error(path, f"{name} is there twice", "remove it here, or give this site another name")
-        elif (other := _differs_only_in_case(name, (*control, *hub.sites[:index]))) is not None:
-            what = f"{name} differs from {other} only in capitals, so their files can be the same"
-            yield error(path, what, "give one of them another name")
-
-
-def _differs_only_in_case(name: str, others: tuple[str, ...]) -> str | None:
-    return next((other for other in others if other.lower() == name.lower()), None)
 
 
 def _check_asks(hub: Hub) -> Iterator[Problem]:

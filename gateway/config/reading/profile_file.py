@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from gateway.config.problem import Problem, error
 from gateway.config.reading.positions import Positions
-from gateway.config.reading.syntax import syntax_problem
+from gateway.config.reading.syntax import read_document
 from gateway.config.reading.tables import LISTS, TableReader
 from gateway.config.schema.config import PROFILE
 from gateway.config.schema.profile import ProfileTable
@@ -43,14 +43,10 @@ class ProfileFile:
 def parse_profile_file(text: str, file: str, *, any_name: bool = False) -> ProfileFile:
     """Parse `text`, the content of `file`. The name of its profile must be that of the file, unless `any_name`."""
     stem = FilePath(file).stem
-    try:
-        document = tomllib.loads(text)
-        positions = Positions(text)
-    except ValueError as wrong:
-        problem = syntax_problem(wrong, text, LISTS)
-        return ProfileFile(stem, file, text, None, (problem.located(file, problem.line, problem.column),))
-    except RecursionError:
-        return ProfileFile(stem, file, text, None, (error((), "is nested too deeply").located(file, 1, 1),))
+    read = read_document(text, file, LISTS)
+    if isinstance(read, Problem):
+        return ProfileFile(stem, file, text, None, (read,))
+    document, positions = read
     reader = TableReader(document, positions, file, FilePath(file).parent)
     problems = [*_other_tables(document, stem, any_name=any_name)]
     tables = {} if problems else reader.profiles()

@@ -3,16 +3,18 @@
 import re
 import tomllib
 from collections.abc import Callable, Container, Mapping
+from typing import Any, Final
 
 from pydantic.fields import FieldInfo
 
 from gateway.config.problem import Problem, error
 from gateway.config.reading.masking import is_secret
-from gateway.config.reading.positions import STRING
+from gateway.config.reading.positions import STRING, Positions
 from gateway.config.reading.toml_text import value_text
 from gateway.config.schema.table import Table
 from gateway.config.values.kind import Kind
 
+NESTED: Final = error((), "is nested too deeply")
 #: A key and a value without quotes, in a line that is not TOML.
 _BARE_VALUE = re.compile(r"([\w.-]+)[ \t]*=[ \t]*([^\s\"'\[{,}#][^,}\]#\"']*)")
 
@@ -47,6 +49,17 @@ _TRUTHS: Mapping[str, str] = {
 
 _SYNTAX_ERROR = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.DOTALL)
 _DECLARED_TWICE = re.compile(r"Cannot declare \('([^']+)',\) twice")
+
+
+def read_document(text: str, file: str, lists: Container[str] = ()) -> tuple[dict[str, Any], Positions] | Problem:
+    """Parse a text, the content of `file`, into its tables and their places; or say where and why it is no TOML."""
+    try:
+        return tomllib.loads(text), Positions(text)
+    except ValueError as wrong:  # mostly a TOMLDecodeError; a number of 5000 digits is not
+        problem = syntax_problem(wrong, text, lists)
+        return problem.located(file, problem.line, problem.column)
+    except RecursionError:
+        return NESTED.located(file, 1, 1)
 
 
 def syntax_problem(found: ValueError, text: str, lists: Container[str]) -> Problem:

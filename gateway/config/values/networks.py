@@ -11,21 +11,21 @@ _IPV4_MAPPED: Final = IPv6Network("::ffff:0:0/96")
 
 def parse_networks(value: object) -> tuple[IPv4Network | IPv6Network, ...]:
     """Parse networks such as "10.2.0.0/24", or single addresses."""
-    if not isinstance(value, list):
-        raise WrongValue("must be a list", 'write it as ["10.2.0.0/24"]')
-    return tuple(_network(text) for text in value)
+    return tuple(map(_network, _list(value)))
 
 
 def parse_networks_or_sites(value: object) -> tuple[IPv4Network | IPv6Network | Site, ...]:
     """Parse networks, single addresses, or the names of sites."""
+    return tuple(
+        Site(each) if isinstance(each, str) and is_site(each) and not each.isdecimal() else _network(each)
+        for each in _list(value)  # one of digits only is an address with its dots forgotten
+    )
+
+
+def _list(value: object) -> list[object]:
     if not isinstance(value, list):
         raise WrongValue("must be a list", 'write it as ["10.2.0.0/24"]')
-    return tuple(Site(each) if isinstance(each, str) and _looks_like_site(each) else _network(each) for each in value)
-
-
-def _looks_like_site(text: str) -> bool:
-    """Tell whether it can be the name of a site. One of digits only is an address with its dots forgotten."""
-    return is_site(text) and not text.isdecimal()
+    return value
 
 
 def _network(text: object) -> IPv4Network | IPv6Network:

@@ -9,7 +9,7 @@ from textwrap import dedent
 import pytest
 
 from gateway.cli.main import main
-from gateway.cli.show.limits import round_up
+from gateway.cli.show.devices import round_up
 from gateway.readconfig.file_troubles import with_file_troubles
 from kit.pty import VirtualPort
 

@@ -238,7 +238,7 @@ def meter(tmp_path):
 def own(tmp_path, monkeypatch):
     """The folder of profiles of this machine."""
     folder = tmp_path / "etc" / "profiles"
-    for module in ("gateway.cli.profiles.adding", "gateway.cli.profiles.known"):
+    for module in ("gateway.cli.verbs.profile", "gateway.cli.profiles.known"):
         monkeypatch.setattr(f"{module}.OWN_PROFILES", folder)
     return folder
 

@@ -4,7 +4,6 @@
 - sheet        bytes as rows of cells: the encoding, the delimiter, where the heading is
 - headings     which column is which
 - place        addresses and reference numbers
-- words        what manuals call areas, types, word orders and access
-- numbers      numbers as spreadsheets have them
+- words        what manuals call areas, types, word orders and access; numbers as spreadsheets have them
 - row          a row as a point; layout is a part of it
 """

@@ -5,14 +5,13 @@ Case, punctuation and what stands in brackets do not matter. The names of column
 """
 
 import re
-import unicodedata
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from gateway.config.importing.from_csv.place import looks_like_a_place
 from gateway.config.importing.from_csv.sheet import Sheet
-from gateway.config.importing.from_csv.words import access_of, area_of, functions_of, type_of
+from gateway.config.importing.from_csv.words import access_of, area_of, functions_of, simple, type_of
 
 #: Columns that only others have: what is divided by, a power of ten, the functions of a row, what is said of it.
 DIVISOR, EXPONENT, FUNCTION, DESCRIPTION = "divisor", "exponent", "function", "description"
@@ -122,17 +121,10 @@ _BESIDE: Final = frozenset(
 _MOST_CELLS: Final = 200
 #: The part of the cells that must be as the heading says, where it may mean several things.
 _ENOUGH: Final = 0.6
-
-
-def _simple(heading: str) -> str:
-    """Write a heading in lower case, with single spaces for all that is no letter and no digit."""
-    return re.sub(r"[\W_]+", " ", unicodedata.normalize("NFKC", heading).lower()).strip()
-
-
 _COLUMNS_OF: Final[Mapping[str, tuple[str, ...]]] = {
-    spelling: tuple(column for column, others in _SPELLINGS.items() if spelling in map(_simple, others.split(" / ")))
+    spelling: tuple(column for column, others in _SPELLINGS.items() if spelling in map(simple, others.split(" / ")))
     for spellings in _SPELLINGS.values()
-    for spelling in map(_simple, spellings.split(" / "))
+    for spelling in map(simple, spellings.split(" / "))
 }
 #: What the cells of a column are, where its heading may mislead.
 _IS_ONE: Final[Mapping[str, Callable[[str], object]]] = {
@@ -215,7 +207,7 @@ def _column(candidates: Sequence[str], cells: Sequence[str], taken: Container[st
 
 def _meanings(heading: str) -> tuple[str, ...]:
     """Find the columns with this heading, or without what stands in brackets, or without words beside it."""
-    whole, without = _simple(heading), _simple(re.sub(r"[(\[（【].*", "", heading, flags=re.DOTALL))
+    whole, without = simple(heading), simple(re.sub(r"[(\[（【].*", "", heading, flags=re.DOTALL))
     rest = " ".join(word for word in whole.split() if word not in _BESIDE)
     return next((_COLUMNS_OF[each] for each in (whole, without, rest) if each in _COLUMNS_OF), ())
 
@@ -227,7 +219,7 @@ def _fits(column: str, cells: Sequence[str]) -> bool:
 
 def _rank(column: str, heading: str) -> tuple[int, int]:
     """Order columns of the same kind: of names, the variable's own; of addresses, decimal ones."""
-    words = _simple(heading).split()
-    spellings = [_simple(each) for each in _SPELLINGS[column].split(" / ")]
-    place = spellings.index(_simple(heading)) if _simple(heading) in spellings else len(spellings)
+    words = simple(heading).split()
+    spellings = [simple(each) for each in _SPELLINGS[column].split(" / ")]
+    place = spellings.index(simple(heading)) if simple(heading) in spellings else len(spellings)
     return int("hex" in words), place if column == "name" else 0

@@ -6,10 +6,10 @@ from pathlib import PurePath
 from typing import Final
 
 from gateway.config.importing.from_csv.headings import DIVISOR, Columns, columns_of, known_columns
-from gateway.config.importing.from_csv.numbers import factor_of
 from gateway.config.importing.from_csv.place import Addressing, addressing_of
 from gateway.config.importing.from_csv.row import RowReader
 from gateway.config.importing.from_csv.sheet import Sheet, SheetRow, read_sheet
+from gateway.config.importing.from_csv.words import factor_of
 from gateway.config.importing.imported import Imported, ImportedFileError
 from gateway.config.importing.points import Check, PointNames, PointRow, ProfilePart, is_point_name, write
 from gateway.modbus.codes import Area

@@ -8,7 +8,6 @@ from typing import Final, get_args
 
 from gateway.config.importing.from_csv.headings import DESCRIPTION, DIVISOR, EXPONENT, FUNCTION, Columns
 from gateway.config.importing.from_csv.layout import bits_of, labels_in, type_keys_of
-from gateway.config.importing.from_csv.numbers import factor_of, number_of, scaled_unit
 from gateway.config.importing.from_csv.place import Addressing, Place
 from gateway.config.importing.from_csv.words import (
     WRITING_FUNCTIONS,
@@ -16,7 +15,10 @@ from gateway.config.importing.from_csv.words import (
     access_of,
     area_of,
     area_of_functions,
+    factor_of,
     functions_of,
+    number_of,
+    scaled_unit,
     swap_of,
     type_of,
 )

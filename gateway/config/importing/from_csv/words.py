@@ -1,10 +1,15 @@
-"""What manuals call areas, functions, types, word orders and access, in English, German and Chinese."""
+"""What manuals call areas, functions, types, word orders and access, in English, German and Chinese; and numbers.
+
+Numbers are as spreadsheets and manuals have them: 0.1, 0,1, 1/10, x10, 10^-1, 0x7FFF, 7FFFh.
+"""
 
 import re
 import unicodedata
 from collections.abc import Mapping
+from decimal import Decimal
 from typing import Final, Literal, NamedTuple
 
+from gateway.config.importing.imported import ImportedFileError
 from gateway.modbus.codes import Area
 from gateway.profiles.point import Writing
 
@@ -93,6 +98,12 @@ _TYPES: Final[tuple[tuple[str, Kind, int | None], ...]] = (
 )
 #: Words whose own width is not 16 bits.
 _WIDTH_WORDS: Final[tuple[tuple[str, int], ...]] = ((r"dword|double word|双", 32), (r"qword|lword|quad", 64))
+_LARGEST_EXPONENT: Final = 30
+_PLAIN: Final = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,2})?", re.ASCII)
+_HEX: Final = re.compile(r"([+-]?)(?:0x([0-9a-f]{1,16})|([0-9a-f]{1,16})h)")
+_POWER: Final = re.compile(r"10\s*(?:\^|\*\*|e)\s*\(?([+-]?\d{1,2})\)?")
+_SIGNS: Final = str.maketrans({"−": "-", "–": "-", "×": "x", "÷": "/", "⁻": "-", "’": "'", "\N{NO-BREAK SPACE}": " "})
+_GROUPS: Final = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d+)?")
 
 
 class TypeWords(NamedTuple):
@@ -106,7 +117,7 @@ class TypeWords(NamedTuple):
 
 def area_of(cell: str) -> Area | None:
     """Find the area that a cell names, by its words or with `FC3` by a function; None if it names none."""
-    text = _simple(cell)
+    text = simple(cell)
     found = re.fullmatch(r"(?:fc|fn|function|func|f) ?0?([1-4])", text)
     if found:
         return _AREA_OF_FUNCTION[int(found[1])]
@@ -136,7 +147,7 @@ def area_of_functions(functions: frozenset[int]) -> Area | None:
 
 def type_of(cell: str) -> TypeWords | None:
     """Find out what type a cell names; None if it names none."""
-    text = _simple(cell)
+    text = simple(cell)
     swap = _letters(text) or ("words" if re.search(r"swap|\bre?v?(erse)?$|inverse|\bcdab|lsw first", text) else None)
     text = re.sub(r"\b(be|le|abcd|cdab|badc|dcba|swapped|swap)\b", " ", text).strip()
     for words, kind, bits in _TYPES:
@@ -150,7 +161,7 @@ def type_of(cell: str) -> TypeWords | None:
 
 def swap_of(cell: str, heading: str) -> str | None:
     """Find the swap that a cell names, in a column with this heading; None if it names none."""
-    text, said = _simple(cell), _simple(heading)
+    text, said = simple(cell), simple(heading)
     named = _letters(text) or next((swap for words, swap in _ORDER_WORDS.items() if re.search(words, text)), None)
     if named is not None or not re.search(_YES, text):
         return named
@@ -162,7 +173,7 @@ def swap_of(cell: str, heading: str) -> str | None:
 
 def access_of(cell: str) -> Writing | None:
     """Find out whether a cell says that a point can be written; None if it says nothing."""
-    text = _simple(cell)
+    text = simple(cell)
     for words, writing in ((_READS_AND_WRITES, "yes"), (_READS, "no"), (_WRITES, "only")):
         if re.search(words, text):
             return writing  # type: ignore[return-value]
@@ -190,6 +201,49 @@ def _lower(cell: str) -> str:
     return unicodedata.normalize("NFKC", cell).lower()
 
 
-def _simple(cell: str) -> str:
+def simple(cell: str) -> str:
     """Write a cell in lower case, with single spaces for all that is no letter and no digit."""
     return re.sub(r"[\W_]+", " ", _lower(cell)).strip()
+
+
+def number_of(cell: str, *, has_decimal_comma: bool = False) -> Decimal:
+    """Parse a number."""
+    text = _lower(cell).translate(_SIGNS).strip("' ")
+    in_hex = _HEX.fullmatch(text)
+    if in_hex:
+        return Decimal(int(f"{in_hex[1]}{in_hex[2] or in_hex[3]}", 16))
+    if "," in text:
+        is_grouped = not has_decimal_comma and _GROUPS.fullmatch(text) is not None
+        text = text.replace(",", "") if is_grouped or "." in text else text.replace(",", ".")
+    if not _PLAIN.fullmatch(text):
+        raise ImportedFileError(f'"{cell}" is no number')
+    return Decimal(text)
+
+
+def factor_of(cell: str, *, has_decimal_comma: bool = False) -> Decimal:
+    """Parse a factor: a number, 1/10, x 0.1, /10, 10^-1; a unit may stand behind it."""
+    text = _lower(cell).translate(_SIGNS).strip("' ")
+    text = re.sub(r"^(?:x|\*|mal|times)\s*", "", text)
+    power, parts = _POWER.fullmatch(text), [part.strip() for part in re.split(r"[/:]", text)]
+    if power:
+        factor = Decimal(10) ** int(power[1])
+    elif len(parts) == 2 and parts[1]:
+        below = number_of(parts[1], has_decimal_comma=has_decimal_comma)
+        above = number_of(parts[0], has_decimal_comma=has_decimal_comma) if parts[0] else Decimal(1)
+        factor = above / below if below else Decimal(0)
+    else:
+        factor = number_of(text, has_decimal_comma=has_decimal_comma)
+    if not factor or abs(factor.adjusted()) > _LARGEST_EXPONENT:
+        raise ImportedFileError(f'"{cell}" is no factor')
+    return factor
+
+
+def scaled_unit(unit: str) -> tuple[Decimal, str]:
+    """Split a unit that has a factor: 0.1V is 0.1 and V, 0.01 is one without a unit; 1/min is a unit."""
+    found = re.fullmatch(r"[x×*]?\s*(\d[\d.,]*)\s*((?:[^\d\s/.,)(^~-].*)?)", unit)
+    if found is None:
+        return Decimal(1), unit
+    try:
+        return factor_of(found[1]), found[2].strip()
+    except ImportedFileError:
+        return Decimal(1), unit

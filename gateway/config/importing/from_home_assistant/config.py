@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final
 
 from gateway.config.importing.from_home_assistant.device import DevicePart, Taken
-from gateway.config.importing.from_home_assistant.document import Documents
+from gateway.config.importing.from_home_assistant.fields import Documents
 from gateway.config.importing.from_home_assistant.hub import hub_parts
 from gateway.config.importing.imported import Imported, ImportedFileError, read_file
 from gateway.config.importing.points import Check, ProfilePart, write

@@ -5,9 +5,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
-from gateway.config.importing.from_home_assistant.document import Documents
 from gateway.config.importing.from_home_assistant.entities import KINDS, Found
-from gateway.config.importing.from_home_assistant.fields import Fields, fields_of
+from gateway.config.importing.from_home_assistant.fields import Documents, Fields, fields_of
 from gateway.config.importing.imported import ImportedFileError
 from gateway.config.importing.points import PointNames, PointRow, ProfilePart, on_one_line, slug
 from gateway.config.reading.toml_text import Value

@@ -1,15 +1,76 @@
-"""The keys of a table of Home Assistant. Which were read is remembered, so that the others can be told."""
+"""Files of Home Assistant: YAML with tags of its own, and the keys of its tables.
 
-from collections.abc import Collection
+`!include` is followed to files below the folder of the first one, `!secret` to `secrets.yaml` there, when they are
+needed. Any other tag is a value that is not known here. Which keys were read is remembered: the others can be told.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
+from pathlib import PurePosixPath
 from typing import Any, Final
 
-from gateway.config.importing.from_home_assistant.document import Documents
 from gateway.config.importing.imported import ImportedFileError
-from gateway.config.importing.yaml_text import Table, plain_text
+from gateway.config.importing.yaml_text import Table, Tagged, parse_located_yaml, plain_text
 
 _TRUE: Final = frozenset(("true", "yes", "on", "1"))
 _LARGEST_EXPONENT: Final = 300
+_SECRETS: Final = "secrets.yaml"
+_MOST_FILES: Final = 100
+
+
+@dataclass(slots=True)
+class Documents:
+    """The files of a config: `read` returns the text of one, by its path."""
+
+    file: str
+    read: Callable[[str], str]
+    _loaded: dict[str, Any] = field(default_factory=dict)
+
+    def document(self) -> Any:
+        """Parse the first file."""
+        return self._load(self.file)
+
+    def follow(self, value: Any) -> Any:
+        """Return the value itself, or what its tag leads to."""
+        for _ in range(_MOST_FILES):
+            if not isinstance(value, Tagged):
+                return value
+            value = self._followed(value)
+        raise ImportedFileError("it includes itself")
+
+    def _followed(self, tagged: Tagged) -> Any:
+        name = plain_text(tagged.value)
+        if not name:
+            raise ImportedFileError(f"{tagged.tag} names nothing")
+        if tagged.tag == "!include":
+            path = PurePosixPath(name)
+            if path.is_absolute() or ".." in path.parts:
+                raise ImportedFileError(f"!include {name} is not below the folder of the file: import that file itself")
+            return self._load(self._beside(name))
+        if tagged.tag == "!secret":
+            secrets = self._load(self._beside(_SECRETS))
+            if not isinstance(secrets, dict) or name not in secrets:
+                raise ImportedFileError(f"!secret {name}: there is no {name} in {_SECRETS}")
+            return secrets[name]
+        remedy = "import its files one by one" if tagged.tag.startswith("!include") else "write the value itself"
+        raise ImportedFileError(f"{tagged.tag} is not known here: {remedy}")
+
+    def _beside(self, name: str) -> str:
+        folder, slash, _ = self.file.rpartition("/")
+        return f"{folder}{slash}{name}"
+
+    def _load(self, file: str) -> Any:
+        if file not in self._loaded:
+            if len(self._loaded) >= _MOST_FILES:
+                raise ImportedFileError(f"more than {_MOST_FILES} files are included")
+            try:
+                self._loaded[file] = parse_located_yaml(self.read(file), file.rpartition("/")[2])
+            except ValueError as wrong:
+                raise ImportedFileError(f"{file}: {wrong}") from None
+            except RecursionError:
+                raise ImportedFileError(f"{file}: is nested too deeply") from None
+        return self._loaded[file]
 
 
 class Fields:

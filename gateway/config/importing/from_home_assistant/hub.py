@@ -4,9 +4,8 @@ from decimal import Decimal
 from typing import Final, Literal
 
 from gateway.config.importing.from_home_assistant.device import DevicePart, Taken, devices_of
-from gateway.config.importing.from_home_assistant.document import Documents
 from gateway.config.importing.from_home_assistant.entities import KINDS
-from gateway.config.importing.from_home_assistant.fields import Fields, fields_of
+from gateway.config.importing.from_home_assistant.fields import Documents, Fields, fields_of
 from gateway.config.importing.imported import ImportedFileError, address, milliseconds
 from gateway.config.importing.points import ProfilePart
 from gateway.config.problem import WrongValue

@@ -4,7 +4,7 @@ from decimal import Decimal
 
 import pytest
 
-from gateway.config.importing.from_csv.numbers import factor_of, number_of, scaled_unit
+from gateway.config.importing.from_csv.words import factor_of, number_of, scaled_unit
 from gateway.config.importing.imported import ImportedFileError
 from gateway.config.importing.points import plain
 
