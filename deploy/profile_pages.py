@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from gateway.config.documents.points import identity_text, point_rows
-from gateway.config.plan.areas import ranges_in
+from gateway.config.plan.points import ranges_in
 from gateway.config.reading.profile_file import shipped_profile
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.values.duration import show_duration

@@ -5,7 +5,6 @@ from typing import Final
 
 from gateway.config.add_ons import ADD_ONS
 from gateway.config.checks.access import check_access
-from gateway.config.checks.duplicates import check_names, check_ports
 from gateway.config.checks.images import check_images, check_intervals
 from gateway.config.checks.lines import check_lines
 from gateway.config.checks.listeners import check_binds, check_ipv6, check_own_listeners, check_shared_ports
@@ -18,9 +17,11 @@ from gateway.config.checks.tls import check_tls
 from gateway.config.checks.units import (
     check_asked,
     check_device_rows,
+    check_names,
     check_numbers_as_names,
     check_overlaps,
     check_passing_through,
+    check_ports,
     check_references,
 )
 from gateway.config.checks.upstreams import check_upstreams

@@ -8,16 +8,10 @@ from typing import Any, Final, TypedDict, Unpack
 
 from gateway.config.check import AddressTrouble, PortTrouble, UnitTrouble, check
 from gateway.config.checks.embedding import Embedding, is_about_units
-from gateway.config.machine.file_text import (
-    UnreadableFile,
-    find_wrong_text,
-    folder_of,
-    plain_text,
-    read_file_text,
-)
+from gateway.config.machine.file_text import UnreadableFile, find_wrong_text, folder_of, plain_text, read_file_text
 from gateway.config.machine.troubles import port_trouble
+from gateway.config.plan.reach import without_shared_units
 from gateway.config.plan.settings import Plan
-from gateway.config.plan.shared_units import without_shared_units
 from gateway.config.problem import Path, Problem, error, errors_in, warning
 from gateway.config.profile_files import Origin, ProfileFiles, read_profile_file, with_profiles
 from gateway.config.reading.given_table import TableCopy, Unplaced

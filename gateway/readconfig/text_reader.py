@@ -13,7 +13,7 @@ from gateway.config.load import Loaded, parse
 from gateway.config.plan.differences import differences, need_restart
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, dotted
-from gateway.config.reading.comparing import difference, shown
+from gateway.config.reading.masking import difference, shown
 from gateway.readconfig.text_check import TextChanges, TextCheck, TextProblem, unpacked_texts
 
 #: What checking a text may take of memory, in bytes: the service has 512 MiB for all. 10 000 rows need a third of it.

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Self
 
 from gateway.clock.lazy_timer import LazyTimer
-from gateway.config.values.character_format import DEFAULT_FORMATS
+from gateway.config.values.port import DEFAULT_FORMATS
 from gateway.simulator.device import Device, Mode
 from gateway.simulator.faults import NO_LINE_FAULTS, LineFaults
 from gateway.simulator.paced_line import PacedLine, Tell, ignore_frame

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 from typing import Final, Self
 
-from gateway.config.values.character_format import DEFAULT_FORMATS
+from gateway.config.values.port import DEFAULT_FORMATS
 from gateway.modbus.frame import Frame
 from gateway.modbus.pdu import parse_request
 from gateway.modbus.scan import Expected, Scanner

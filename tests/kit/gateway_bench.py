@@ -10,7 +10,7 @@ from pathlib import Path
 from gateway.clock.lazy_timer import LazyTimer
 from gateway.config.load import parse
 from gateway.config.resolve import resolve
-from gateway.config.values.character_format import DEFAULT_FORMATS
+from gateway.config.values.port import DEFAULT_FORMATS
 from gateway.events import Event
 from gateway.images.custom_unit import CustomUnit
 from gateway.images.drivers.store import Store

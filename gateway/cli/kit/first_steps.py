@@ -6,13 +6,11 @@ The Debian package ends its installation with them. They fit what is there: its 
 import os
 import shlex
 import socket
-import tomllib
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from gateway.config.machine.file_text import UnreadableFile, read_file_text
+from gateway.config.machine.file_text import written_in
 from gateway.hardware.listing import list_serial_ports
 from gateway.readconfig.libraries import missing_library, not_installed
 
@@ -37,7 +35,7 @@ def first_steps(service_config: Path) -> str:
 
 
 def _with_service(config: Path, port: str) -> Iterator[str]:
-    page = _page_of(config)
+    page = written_in(config, "web", "bind")
     if page:
         yield f"Open the page: {page}{_from_elsewhere(page)}"
     else:
@@ -89,12 +87,3 @@ def _own_config(port: str, *, has_page: bool) -> Iterator[str]:
             yield f"\n{_PAGE_TABLE}"
         yield "END"
     yield f"modbus-gateway check {_OWN_CONFIG}\nmodbus-gateway run {_OWN_CONFIG}"
-
-
-def _page_of(config: Path) -> str:
-    """Find the address of the page in a config; empty if there is none, or the file cannot be read."""
-    with suppress(UnreadableFile, ValueError, RecursionError):
-        match tomllib.loads(read_file_text(config)):
-            case {"web": {"bind": str(page)}}:
-                return page
-    return ""

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from gateway.cli.kit.columns import align
-from gateway.cli.show.guarded import guarded_as_json, guarded_as_text
-from gateway.cli.show.images import images_as_json, images_as_text, mirrors_as_json
+from gateway.cli.show.images import guarded_as_json, guarded_as_text, images_as_json, images_as_text, mirrors_as_json
 from gateway.cli.show.lines import line_as_json, line_as_text, monitor_as_json, monitor_as_text
 from gateway.cli.show.listeners import listeners_as_json, listeners_as_text, rights_as_json, rights_as_text
 from gateway.cli.show.published import published_as_json, published_as_text

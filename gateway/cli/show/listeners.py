@@ -4,14 +4,7 @@ from typing import Any, Final
 
 from gateway.cli.kit.columns import align
 from gateway.cli.show.devices import milliseconds
-from gateway.config.plan.rights_in_words import (
-    addresses_by_area,
-    own_numbers,
-    right_in_words,
-    rows_in_words,
-    unnamed_certified,
-    unnamed_datagrams,
-)
+from gateway.config.plan.rights_in_words import addresses_by_area, own_numbers, right_in_words, rows_in_words, unnamed
 from gateway.config.plan.settings import Plan
 from gateway.config.values.duration import show_duration
 from gateway.listeners.hosts import url
@@ -93,8 +86,8 @@ def rights_as_text(plan: Plan) -> str:
         addresses = row.addresses or ("all" if row.units else "")
         cells = row.clients, row.through, row.units, addresses, row.may, row.priority
         table.append(_columns(*cells, has_addresses=has_addresses, has_priority=has_priority))
-    silent = [f"  Through {name} (UDP) clients only read, as no row names it." for name in unnamed_datagrams(plan)]
-    silent += [f"  Through {name} (TLS) {_by_certificate(plan)}." for name in unnamed_certified(plan)]
+    silent = [f"  Through {name} (UDP) clients only read, as no row names it." for name in unnamed("udp", plan)]
+    silent += [f"  Through {name} (TLS) {_by_certificate(plan)}." for name in unnamed("tls", plan)]
     rules = _BY_ADDRESS if has_addresses else ()
     return "\n".join(["Rights: first match wins", align(table, "  "), *rules, *silent])
 

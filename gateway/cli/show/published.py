@@ -7,7 +7,7 @@ from gateway.cli.kit.columns import align, without_middles
 from gateway.config.plan.add_ons import longest_outage
 from gateway.config.plan.settings import MqttPlan, Plan
 from gateway.config.problem import listed
-from gateway.config.values.size import show_size
+from gateway.config.values.duration import show_size
 from gateway.plant.topics import SparkplugTopics, Topics
 from gateway.profiles.published import PublishedDevice
 

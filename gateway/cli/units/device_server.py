@@ -12,8 +12,14 @@ from gateway.cli.kit.daemon import Conversation, Meant, which_gateway
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.config.problem import WrongValue
 from gateway.config.values.address import Address
-from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
-from gateway.config.values.port import DEVICE_SERVER_MODES, parse_line_port, parse_port
+from gateway.config.values.port import (
+    DEFAULT_FORMATS,
+    DEVICE_SERVER_MODES,
+    fits_mode,
+    parse_format,
+    parse_line_port,
+    parse_port,
+)
 from gateway.control.path import SYSTEM_SOCKET
 from gateway.errors import DaemonError, PortError
 from gateway.operator.operations.operation import Nothing

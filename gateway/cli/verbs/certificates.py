@@ -11,14 +11,7 @@ from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.main import FINE
 from gateway.tls.certificate import WrongRole, shorten
 from gateway.tls.files import read_certificates
-from gateway.tls.making import (
-    AUTHORITY_DAYS,
-    OTHER_DAYS,
-    is_plain,
-    make_authority,
-    make_client,
-    make_server,
-)
+from gateway.tls.making import AUTHORITY_DAYS, OTHER_DAYS, is_plain, make_authority, make_client, make_server
 from gateway.tls.revoking import Issued, find_issued, find_replaced, read_revoked, revoke
 from gateway.tls.workshop import AUTHORITY
 

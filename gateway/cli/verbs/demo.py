@@ -10,7 +10,6 @@ import tempfile
 import time
 from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import AsyncExitStack, ExitStack, asynccontextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -54,6 +53,7 @@ from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
 from gateway.operator.values.requests import AT_CONTROL
 from gateway.ports.opener import make_opener
+from gateway.readconfig.libraries import missing_library
 from gateway.readconfig.reader import read_here
 from gateway.runtime.reload import Reloader
 from gateway.runtime.running import Running
@@ -111,7 +111,7 @@ async def _demo(*, once: bool, tls: bool) -> int:
         await parts.enter_async_context(_simulators(lines, folder))
         panel = await parts.enter_async_context(Panel(folder / PANEL, mode="ascii"))
         certificates = make_certificates(folder) if tls else None
-        login = make_login(folder) if not once and _can_serve_pages() else None
+        login = make_login(folder) if not once and missing_library("web") is None else None
         config = _write_config(folder, lines, certificates, login)
         plan, text = _plan(config)
         stage = Stage(config, plan)
@@ -212,11 +212,6 @@ def _port(wanted: int) -> int:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         return wanted if probe.connect_ex(("127.0.0.1", wanted)) != 0 else 0
-
-
-def _can_serve_pages() -> bool:
-    """Tell whether the extra `web` is installed."""
-    return all(find_spec(name) for name in ("aiohttp", "jinja2", "prometheus_client"))
 
 
 def _control(folder: Path) -> Path:

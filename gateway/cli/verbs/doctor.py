@@ -17,7 +17,7 @@ from gateway.cli.kit.progress import working
 from gateway.cli.kit.usage import baud, parsed_by
 from gateway.cli.main import DEFAULT_CONFIG, FINE, PROBLEM_FOUND
 from gateway.config.problem import WrongValue
-from gateway.config.values.character_format import parse_format
+from gateway.config.values.port import parse_format
 from gateway.diagnosis.finding import Finding
 from gateway.diagnosis.ports import with_ports
 from gateway.errors import DaemonError

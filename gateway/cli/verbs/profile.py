@@ -15,7 +15,7 @@ from gateway.config.load import load_profile
 from gateway.config.machine.profile_folders import BESIDE, OWN_PROFILES
 from gateway.config.problem import errors_in
 from gateway.config.profile_files import ProfileFiles, in_words
-from gateway.config.values.character_format import DEFAULT_FORMATS, fits_mode, parse_format
+from gateway.config.values.port import DEFAULT_FORMATS, fits_mode, parse_format
 from gateway.errors import ConfigError
 from gateway.profiles import is_file_name
 from gateway.state.files import replace

@@ -11,12 +11,7 @@ from gateway.cli.kit.columns import align
 from gateway.cli.kit.daemon import Conversation, add_control_argument, which_gateway
 from gateway.cli.kit.paint import red, yellow
 from gateway.cli.kit.progress import progress
-from gateway.cli.kit.usage import (
-    WrongUsageError,
-    add_port_arguments,
-    let_options_stand_anywhere,
-    parsed_by,
-)
+from gateway.cli.kit.usage import WrongUsageError, add_port_arguments, let_options_stand_anywhere, parsed_by
 from gateway.cli.main import FINE, PROBLEM_FOUND
 from gateway.config.problem import WrongValue
 from gateway.config.values.duration import parse_duration, show_duration

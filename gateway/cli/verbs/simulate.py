@@ -18,8 +18,8 @@ from gateway.cli.units.simulated import Group, Setting, find_groups, make_device
 from gateway.clock.exact_loop import run_exactly
 from gateway.config.problem import did_you_mean
 from gateway.config.values.address import parse_address
-from gateway.config.values.character_format import DEFAULT_FORMATS, parse_format
 from gateway.config.values.duration import parse_duration
+from gateway.config.values.port import DEFAULT_FORMATS, parse_format
 from gateway.config.values.unitset import parse_units, show_units
 from gateway.simulator.broken import FAULTS, OF_DEVICES, line_faults, with_faults
 from gateway.simulator.device import Device, Mode

@@ -4,7 +4,6 @@ import argparse
 import os
 import platform
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -111,24 +110,18 @@ def _write(file: Path, content: bytes, *, force: bool) -> None:
     """
     fresh = file.with_name(f"{file.name}.new") if force else file
     try:
-        _on_failure_removed(fresh, lambda descriptor: _write_all(descriptor, content))
+        _write_new(fresh, content)
         if force:
             fresh.replace(file)
     except OSError as error:
         raise ConfigError(f"{file} cannot be written: {error.strerror}") from error
 
 
-def _on_failure_removed(file: Path, write: Callable[[int], None]) -> None:
+def _write_new(file: Path, content: bytes) -> None:
     descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC, _MODE)
     try:
-        write(descriptor)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content)
     except BaseException:
         file.unlink()
         raise
-    finally:
-        os.close(descriptor)
-
-
-def _write_all(descriptor: int, content: bytes) -> None:
-    while content:
-        content = content[os.write(descriptor, content) :]

@@ -4,7 +4,6 @@ import argparse
 import getpass
 import json
 import sys
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +11,7 @@ from typing import Any, Final
 from gateway.cli.kit.columns import align
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.main import DEFAULT_CONFIG, FINE
-from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
+from gateway.config.machine.file_text import folder_of, written_in
 from gateway.config.problem import did_you_mean
 from gateway.errors import UsersError
 from gateway.readconfig.page_users import (
@@ -154,11 +153,5 @@ def _new_password(name: str) -> str:
 def _file_of_config() -> str:
     """Find the file that the service's config names; empty if it names none."""
     file = Path(DEFAULT_CONFIG)
-    try:
-        config = tomllib.loads(read_file_text(file))
-    except (UnreadableFile, ValueError):
-        return ""
-    match config:
-        case {"web": {"users": str(path)}}:
-            return str(folder_of(file) / path)
-    return ""
+    users = written_in(file, "web", "users")
+    return str(folder_of(file) / users) if users else ""

@@ -268,11 +268,10 @@ def _covers_clients(earlier: Access, row: Access) -> bool:
         return True
     if row.networks is None or not set(sites_of(row)) <= set(sites_of(earlier)):
         return False
-    return all(any(_contains(big, small) for big in networks_of(earlier)) for small in networks_of(row))
-
-
-def _contains(big: Network, small: Network) -> bool:
-    return overlap(big, small) and big.prefixlen <= small.prefixlen
+    return all(
+        any(overlap(big, small) and big.prefixlen <= small.prefixlen for big in networks_of(earlier))
+        for small in networks_of(row)
+    )
 
 
 def overlap(one: Network, other: Network) -> bool:

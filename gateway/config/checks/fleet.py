@@ -5,8 +5,8 @@ from typing import Final
 
 from gateway.config.problem import Problem, error, warning
 from gateway.config.schema.access import Access
+from gateway.config.schema.add_ons import Fleet
 from gateway.config.schema.config import Config
-from gateway.config.schema.fleet import Fleet
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.reserved_names import FLEET
 from gateway.config.values.site import SITE_RULE, Site, is_site

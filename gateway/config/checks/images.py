@@ -5,10 +5,10 @@ from typing import Final
 
 from gateway.config.checks.maps import check_map
 from gateway.config.checks.units import claims, profile_of_row
-from gateway.config.plan.areas import initial_values, ranges_in
 from gateway.config.plan.images import OWN_VALUES, kind_of
 from gateway.config.plan.map_place import cannot_be_polled
 from gateway.config.plan.names import device_names, heard_on, owners, rows_of
+from gateway.config.plan.points import initial_values, ranges_in
 from gateway.config.plan.reach import client_lines, units_without_devices
 from gateway.config.problem import Path, Problem, did_you_mean, error, warning
 from gateway.config.schema.config import Config

@@ -9,7 +9,7 @@ from gateway.config.problem import Problem, error, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.line import Line
 from gateway.config.values.address import DEFAULT_PORTS, Address
-from gateway.config.values.character_format import VIRTUAL_FORMAT, fits_mode
+from gateway.config.values.port import VIRTUAL_FORMAT, fits_mode
 from gateway.modbus.codes import BROADCAST_UNIT
 
 #: Keys that exist for only one role of a line.

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from gateway.config.plan.areas import ranges_in
 from gateway.config.plan.map_place import MapTarget
 from gateway.config.plan.map_rows import EVERY_POINT, MapPart, PlannedRow
+from gateway.config.plan.points import ranges_in
 from gateway.config.plan.virtual import Maps
 from gateway.config.problem import Path, Problem, did_you_mean, error, listed, warning
 from gateway.config.schema.image import Image, Mapped

@@ -7,8 +7,8 @@ from typing import Final
 from gateway.config.plan.add_ons import EXCLUDES, Publishable, names_device, names_point, publishable
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, did_you_mean, error, listed
+from gateway.config.schema.add_ons import Mqtt, Publish
 from gateway.config.schema.config import Config
-from gateway.config.schema.mqtt import Mqtt, Publish
 from gateway.config.values.broker import SPARKPLUG, is_topic_part
 from gateway.config.values.reserved_names import MQTT
 from gateway.profiles.published import PublishedDevice, PublishedPoint

@@ -5,9 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from gateway.config.checks.point_values import check_scale, check_type, check_value
 from gateway.config.checks.point_writing import check_place, check_reading, check_writing
 from gateway.config.checks.units import profile_of_row
-from gateway.config.plan.areas import places_of
 from gateway.config.plan.names import owners, rows_of
-from gateway.config.plan.points import names_of, width_of
+from gateway.config.plan.points import names_of, places_of, width_of
 from gateway.config.problem import Problem, error
 from gateway.config.schema.config import Config
 from gateway.config.schema.profile import PointTable, ProfileTable

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from operator import itemgetter
 from typing import Final
 
-from gateway.config.plan.areas import places_of, ranges_in
 from gateway.config.plan.names import device_names, owners, rows_of
+from gateway.config.plan.points import places_of, ranges_in
 from gateway.config.problem import Path, Problem, warning
 from gateway.config.schema.config import Config
 from gateway.config.schema.image import Image, Mapped

@@ -6,8 +6,8 @@ from gateway.config.checks.access import overlap
 from gateway.config.checks.listeners import taken
 from gateway.config.plan.reach import listening
 from gateway.config.problem import Problem, error, warning
+from gateway.config.schema.add_ons import Web
 from gateway.config.schema.config import Config
-from gateway.config.schema.web import Web
 from gateway.routing.access import LOOPBACK
 
 

@@ -5,8 +5,7 @@ from collections.abc import Iterator, Mapping
 from io import StringIO
 from typing import Final
 
-from gateway.config.plan.areas import places_of
-from gateway.config.plan.points import names_of, size_of, type_of, width_of
+from gateway.config.plan.points import names_of, places_of, size_of, type_of, width_of
 from gateway.config.schema.profile import PointTable, ProfileTable
 from gateway.modbus.codes import Area
 from gateway.profiles.columns import ACCESS, COLUMNS, labels_cell, numbers_cell

@@ -19,8 +19,7 @@ from gateway.config.importing.imported import (
 from gateway.config.problem import WrongValue
 from gateway.config.reading.toml_text import TableText, Value
 from gateway.config.values.address import Address
-from gateway.config.values.character_format import fits_mode, parse_format
-from gateway.config.values.port import parse_port
+from gateway.config.values.port import fits_mode, parse_format, parse_port
 
 _DEFAULTS: Final[Mapping[str, str]] = {
     "device": "/dev/ttyS0",

@@ -24,8 +24,7 @@ from gateway.config.importing.yaml_text import parse_yaml
 from gateway.config.problem import WrongValue
 from gateway.config.reading.toml_text import TableText, Value
 from gateway.config.values.address import Address
-from gateway.config.values.character_format import fits_mode, parse_format
-from gateway.config.values.port import parse_port
+from gateway.config.values.port import fits_mode, parse_format, parse_port
 from gateway.config.values.unitset import show_units
 from gateway.modbus.codes import FIRST_UNIT, HIGHEST_UNIT, LAST_UNIT
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import chain, count
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -66,6 +67,14 @@ def read_bytes(path: str) -> bytes:
         raise ImportedFileError(f"{path}: {wrong}") from None
 
 
+def take_name(base: str, taken: set[str]) -> str:
+    """Take this name, or the first one with a number behind it that is free."""
+    numbered = (f"{base}-{number}" for number in count(2))
+    name = next(each for each in chain((base,), numbered) if each not in taken)
+    taken.add(name)
+    return name
+
+
 class Taken:
     """Names, addresses and ports that are used already."""
 
@@ -77,10 +86,7 @@ class Taken:
     def name(self, wanted: str) -> str:
         """Find a name like this that is not in use, and take it."""
         readable = "".join(letter for letter in wanted.strip() if letter.isprintable()).strip()[:50] or "line"
-        numbered = (f"{readable}-{number}" for number in range(2, 10_000))
-        name = next(each for each in (readable, *numbered) if each not in self._names)
-        self._names.add(name)
-        return name
+        return take_name(readable, self._names)
 
     def take(self, bind: Address, target: str | Address, where: str) -> None:
         """Take the address where clients connect, and the port or server that it leads to, for what stands `where`."""

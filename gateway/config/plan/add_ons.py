@@ -6,11 +6,9 @@ from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
 
 from gateway.config.plan.settings import FleetPlan, LeasePlan, MqttPlan, Plan, WebPlan
+from gateway.config.schema.add_ons import Fleet, Mqtt, Publish, Web
 from gateway.config.schema.config import Config
-from gateway.config.schema.fleet import Fleet
 from gateway.config.schema.line import Line
-from gateway.config.schema.mqtt import Mqtt, Publish
-from gateway.config.schema.web import Web
 from gateway.images.image import ImageSettings
 from gateway.images.polls import MirrorSettings
 from gateway.images.virtual.settings import VirtualSettings

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from typing import Final, Literal
 
-from gateway.config.plan.areas import initial_values, ranges_in
+from gateway.config.plan.points import initial_values, ranges_in
 from gateway.config.plan.unit_points import points_in
 from gateway.config.schema.image import Image
 from gateway.config.values.ranges import MOST_ITEMS, join_ranges

@@ -8,20 +8,13 @@ from gateway.config.plan.add_ons import lease_of
 from gateway.config.plan.names import Owner, device_names, keys_of, rows_of, unlisted_units
 from gateway.config.plan.profiles import guarded, only_written
 from gateway.config.plan.reach import listeners_for, own_units, units_without_devices
-from gateway.config.plan.settings import (
-    SHARED_ARRIVES_WITHIN,
-    LinePlan,
-    MonitorPlan,
-    ServerPlan,
-    UpstreamPlan,
-)
+from gateway.config.plan.settings import SHARED_ARRIVES_WITHIN, LinePlan, MonitorPlan, ServerPlan, UpstreamPlan
 from gateway.config.schema.config import Config
 from gateway.config.schema.device import Device
 from gateway.config.schema.line import Line
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.address import Address
-from gateway.config.values.character_format import DEFAULT_FORMATS, VIRTUAL_FORMAT
-from gateway.config.values.port import DEVICE_SERVER_MODES, VirtualPort
+from gateway.config.values.port import DEFAULT_FORMATS, DEVICE_SERVER_MODES, VIRTUAL_FORMAT, VirtualPort
 from gateway.config.values.site import Site
 from gateway.devices.device import DeviceSettings
 from gateway.lines.settings import LineSettings

@@ -67,9 +67,9 @@ def own_numbers(row: AccessRow, plan: Plan) -> str:
     return " or ".join(sorted({"on the wire" if listener.line else "at the server" for listener in named}))
 
 
-def unnamed_datagrams(plan: Plan) -> list[str]:
-    """List the UDP listeners that no row names: clients only read there."""
-    return [one.name for one in plan.listeners if one.scheme == "udp" and not _is_named(one.name, plan)]
+def unnamed(scheme: str, plan: Plan) -> list[str]:
+    """List the listeners of this scheme that no row names: udp clients only read there, tls ones need a role."""
+    return [one.name for one in plan.listeners if one.scheme == scheme and not _is_named(one.name, plan)]
 
 
 def _clients(row: AccessRow) -> str:
@@ -82,11 +82,6 @@ def _clients(row: AccessRow) -> str:
     if row.role is None:
         return place
     return f'{place}, role "{row.role}"' if row.role else f"{place}, without a role"
-
-
-def unnamed_certified(plan: Plan) -> list[str]:
-    """List the TLS listeners that no row names: rows without a role give nothing there."""
-    return [one.name for one in plan.listeners if one.scheme == "tls" and not _is_named(one.name, plan)]
 
 
 def _network(network: Network) -> str:

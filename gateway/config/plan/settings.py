@@ -6,8 +6,8 @@ from typing import ClassVar, Final, Literal, NamedTuple
 
 from gateway.config.values.address import Address
 from gateway.config.values.broker import PREFIX, Broker, Sparkplug
+from gateway.config.values.duration import DEFAULT_RING
 from gateway.config.values.reserved_names import FLEET, MQTT, WEB
-from gateway.config.values.size import DEFAULT_RING
 from gateway.config.values.unitset import show_units
 from gateway.devices.device import DeviceSettings
 from gateway.images.image import ImageSettings

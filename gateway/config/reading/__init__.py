@@ -5,7 +5,6 @@
 - positions, source    where keys and values stand, and where a table does once it is read
 - given_table    a config that a program has made as a table, without text
 - syntax, wording    what is wrong with text that is no TOML, and with values, in words
-- masking, excerpt    a file without its secrets, and single lines of it
-- comparing    two files line by line, and whether sites have the same
+- masking, excerpt    a file without its secrets, compared with another line by line, and single lines of it
 - toml_text    TOML, written
 """

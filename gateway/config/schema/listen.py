@@ -5,14 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from gateway.config.schema.table import Count, Table
-from gateway.config.values.key_types import (
-    CredentialFile,
-    IdleDuration,
-    ListenAddress,
-    Name,
-    SiteName,
-    Unit0,
-)
+from gateway.config.values.key_types import CredentialFile, IdleDuration, ListenAddress, Name, SiteName, Unit0
 
 
 class Listen(Table):

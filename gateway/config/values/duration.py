@@ -1,4 +1,4 @@
-"""Durations: text with a unit, such as "250 ms", "5 s" or "10 min"."""
+"""Durations, such as "250 ms", "5 s" or "10 min", and amounts of memory or disk, such as "4 MiB": text with a unit."""
 
 import re
 from collections.abc import Callable
@@ -17,6 +17,14 @@ SHORTEST: Final = 0.001
 _MEANT_OFF: Final = (False, 0, "off", "never", "none", "no", "false", "0", "0 ms", "0 s")
 
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([A-Za-z]*)")
+_SIZES: Final = {"KiB": 2**10, "MiB": 2**20, "GiB": 2**30}
+#: The memory of the last transactions, if the config does not say.
+DEFAULT_RING: Final = 4 * 2**20
+#: Less would hold a moment, and more be the machine's whole memory, or its disk.
+_LEAST: Final = 2**16
+_MOST: Final = 2**30
+
+_SIZE = re.compile(r"(\d{1,9}(?:\.\d{1,3})?)\s*([A-Za-z]*)")
 
 
 def parse_duration(value: object, least: float = SHORTEST, most: float = _LONGEST) -> float:
@@ -112,3 +120,30 @@ def show_age(milliseconds: float) -> str:
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"
     return f"{seconds:.0f} s"
+
+
+def parse_size_or_zero(value: object) -> int:
+    """Parse bytes, or zero. Zero needs no unit: "0"."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        remedy = f'put it in quotes with a unit: "{value} MiB"' if value else 'write "0"'
+        raise WrongValue("a size needs a unit", remedy)
+    match = _SIZE.fullmatch(value.strip()) if isinstance(value, str) else None
+    if match is None:
+        raise WrongValue(f'"{value}" is not a valid size', 'a size is a number and a unit, such as "4 MiB"')
+    number, unit = float(match[1]), match[2]
+    if number == 0:
+        return 0
+    if not unit:
+        raise WrongValue("a size needs a unit", f'write "{match[1]} MiB"')
+    if unit not in _SIZES:
+        raise WrongValue(f'"{unit}" is not a valid unit of size', 'the units are KiB, MiB and GiB: "4 MiB"')
+    size = int(number * _SIZES[unit])
+    if not _LEAST <= size <= _MOST:
+        raise WrongValue(f"must be {show_size(_LEAST)} to {show_size(_MOST)}, or 0 for none")
+    return size
+
+
+def show_size(size: int) -> str:
+    """Show a size as a person would write it."""
+    unit = next((unit for unit in reversed(_SIZES) if size >= _SIZES[unit]), "")
+    return f"{size / _SIZES[unit]:g} {unit}" if unit else str(size)

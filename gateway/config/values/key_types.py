@@ -18,20 +18,20 @@ from gateway.config.values.broker import (
     parse_prefix,
     parse_sparkplug,
 )
-from gateway.config.values.character_format import parse_format
 from gateway.config.values.duration import (
     parse_duration,
     parse_duration_or_auto,
     parse_duration_or_off_or_auto,
     parse_duration_or_zero,
     parse_duration_or_zero_or_auto,
+    parse_size_or_zero,
     show_duration,
+    show_size,
 )
 from gateway.config.values.files import check_path, in_folder, parse_file, parse_token_file, secret_in_folder
 from gateway.config.values.fleet import parse_servers
 from gateway.config.values.kind import NUMBER, TRUTH, WORD, Kind, Schema, any_of, list_of, map_to, one_of, text
 from gateway.config.values.names import parse_name, parse_python_class, parse_role
-from gateway.config.values.networks import parse_networks, parse_networks_or_sites
 from gateway.config.values.point_keys import (
     parse_bits,
     parse_invalid,
@@ -42,11 +42,17 @@ from gateway.config.values.point_keys import (
     parse_when_stale,
     parse_writing,
 )
-from gateway.config.values.port import VirtualPort, parse_line_port
+from gateway.config.values.port import VirtualPort, parse_format, parse_line_port
 from gateway.config.values.profile_keys import parse_identity, parse_item, parse_limits, parse_wide
 from gateway.config.values.ranges import parse_addresses, parse_ranges
-from gateway.config.values.site import Site, parse_lease_name, parse_other_servers, parse_site
-from gateway.config.values.size import parse_size_or_zero, show_size
+from gateway.config.values.site import (
+    Site,
+    parse_lease_name,
+    parse_networks,
+    parse_networks_or_sites,
+    parse_other_servers,
+    parse_site,
+)
 from gateway.config.values.unitset import (
     check_own_unit,
     parse_served_units,

@@ -1,4 +1,4 @@
-"""The port of a line."""
+"""The port of a line, and its character format."""
 
 import re
 from collections.abc import Mapping
@@ -8,6 +8,7 @@ from typing import Final, Literal
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.values.address import Address, parse_address
 from gateway.config.values.files import check_path
+from gateway.timing.characters import CharacterFormat
 
 #: What is spoken behind a device server, by the scheme of its address. A line's port is one of these, or a path.
 DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": "rtu", "ascii+tcp": "ascii"}
@@ -16,6 +17,14 @@ DEVICE_SERVER_MODES: Final[Mapping[str, Literal["rtu", "ascii"]]] = {"rtu+tcp": 
 _VIRTUAL: Final = "pty:"
 #: A link beside the control socket.
 _LINK_NAME: Final = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,64}")
+#: The format of a line that has none in the config, by its mode.
+DEFAULT_FORMATS: Final[Mapping[Literal["rtu", "ascii"], CharacterFormat]] = {
+    "rtu": CharacterFormat(8, "E", 1),
+    "ascii": CharacterFormat(7, "E", 1),
+}
+
+#: What a pseudo-terminal carries, whatever a program sets.
+VIRTUAL_FORMAT: Final = CharacterFormat(8, "N", 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,3 +66,18 @@ def _meant(value: str) -> str:
         return "modbus-gateway ports lists those of this machine"
     is_address = re.fullmatch(r"[^/]+:\d+", value) is not None
     return f'did you mean "rtu+tcp://{value}"?' if is_address else f'did you mean "/dev/{value}"?'
+
+
+def parse_format(value: object) -> CharacterFormat:
+    """Parse a character format such as "8E1"."""
+    if not isinstance(value, str):
+        raise NotText
+    try:
+        return CharacterFormat.parse(value.upper())
+    except ValueError as wrong:
+        raise WrongValue(f'"{value}" is not a valid character format', str(wrong)) from wrong
+
+
+def fits_mode(value: CharacterFormat, mode: Literal["rtu", "ascii"]) -> bool:
+    """Tell whether the format can carry this mode: RTU needs 8 data bits (S 2.5.1)."""
+    return mode == "ascii" or value.data_bits == 8

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from gateway.config.reading.comparing import difference, shown
+from gateway.config.reading.masking import difference, shown
 from gateway.operator.config.commands import commands_to_apply
 from gateway.operator.config.view import MOST_TEXT
 from gateway.runtime.reload import Reloader

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Final
 
 from gateway.clock.threads import ThreadPerCall
-from gateway.config.reading.comparing import shown
+from gateway.config.reading.masking import shown
 from gateway.errors import ConfigError, Unready
 from gateway.operator.config.commands import commands_to_apply
 from gateway.operator.operations.answers.config import CheckedConfig, ConfigInUse

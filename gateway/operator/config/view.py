@@ -11,7 +11,7 @@ from typing import Final
 from gateway.clock.threads import ThreadPerCall
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
-from gateway.config.reading.comparing import difference, shown
+from gateway.config.reading.masking import difference, shown
 from gateway.errors import ConfigError
 from gateway.readconfig.process import READING_TIME, ConfigRead
 from gateway.runtime.reload import Outcome, Reloader, changed

@@ -10,7 +10,7 @@ from typing import Literal
 from gateway.clock.threads import ThreadPerCall
 from gateway.clock.times import rfc_3339
 from gateway.config.plan.settings import LinePlan, MonitorPlan, Plan, ServerPlan
-from gateway.config.reading.comparing import fingerprint
+from gateway.config.reading.masking import fingerprint
 from gateway.errors import FleetError, WrongQuestion
 from gateway.hardware.listing import describe_adapter
 from gateway.operator.operations.answers.inventory import (

@@ -11,7 +11,7 @@ from typing import Final
 from gateway.clock.setting import clock_setting
 from gateway.clock.threads import in_thread
 from gateway.clock.times import rfc_3339
-from gateway.config.values.size import show_size
+from gateway.config.values.duration import show_size
 from gateway.errors import StateError
 from gateway.events import Emit, PartFailed, StateDamaged
 from gateway.plant.kept.backlog import MANY, MOST_IN_MEMORY, Backlog, Batch

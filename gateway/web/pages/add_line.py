@@ -9,7 +9,7 @@ from aiohttp import web
 
 from gateway.clock.threads import in_thread
 from gateway.config.problem import WrongValue
-from gateway.config.values.character_format import fits_mode, parse_format
+from gateway.config.values.port import fits_mode, parse_format
 from gateway.config.values.unitset import parse_units, show_units
 from gateway.errors import Unready, WrongQuestion
 from gateway.hardware.listing import ListedPort, list_serial_ports

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from aiohttp import web
 
 from gateway.clock.threads import in_thread
-from gateway.config.reading.comparing import shown
+from gateway.config.reading.masking import shown
 from gateway.operator.config.check import check_config
 from gateway.operator.operations.answers.config import CheckedConfig
 from gateway.operator.operations.asked import TextToCheck

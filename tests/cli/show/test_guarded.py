@@ -1,6 +1,6 @@
 """`check` says which points are guarded, and where functions go past the guards."""
 
-from gateway.cli.show.guarded import guarded_as_json, guarded_as_text
+from gateway.cli.show.images import guarded_as_json, guarded_as_text
 from gateway.config.load import parse
 from gateway.config.plan.settings import Plan
 from gateway.config.resolve import resolve

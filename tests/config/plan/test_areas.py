@@ -1,6 +1,6 @@
 """What tables say of the four areas."""
 
-from gateway.config.plan.areas import initial_values, ranges_in
+from gateway.config.plan.points import initial_values, ranges_in
 from gateway.config.schema.image import Image
 from gateway.modbus.codes import Area
 

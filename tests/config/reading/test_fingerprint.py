@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from gateway.config.reading.comparing import fingerprint
+from gateway.config.reading.masking import fingerprint
 
 CONFIG = """
 site = "plant-7"            # the name

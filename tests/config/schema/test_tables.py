@@ -5,16 +5,15 @@ from pydantic import ValidationError
 
 from gateway.config.load import parse
 from gateway.config.schema.access import Access
-from gateway.config.schema.config import Config
+from gateway.config.schema.add_ons import Web
+from gateway.config.schema.config import Config, Log
 from gateway.config.schema.device import Device
-from gateway.config.schema.gateway import Log
 from gateway.config.schema.image import Image, Initial
 from gateway.config.schema.line import Line
 from gateway.config.schema.listen import Listen
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.schema.table import Table, row_model
 from gateway.config.schema.upstream import Upstream
-from gateway.config.schema.web import Web
 
 
 def tables(model=Config):

@@ -6,11 +6,10 @@ import pytest
 
 from gateway.config.problem import NotText, WrongValue
 from gateway.config.values.address import Address
-from gateway.config.values.character_format import parse_format
 from gateway.config.values.names import parse_name
-from gateway.config.values.networks import parse_networks
-from gateway.config.values.port import parse_port
+from gateway.config.values.port import parse_format, parse_port
 from gateway.config.values.profile_keys import parse_item, parse_limits
+from gateway.config.values.site import parse_networks
 from gateway.config.values.unitset import check_own_unit, parse_unit0, parse_units_or_all
 from gateway.timing.characters import CharacterFormat
 

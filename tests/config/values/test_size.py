@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.config.problem import WrongValue
-from gateway.config.values.size import parse_size_or_zero, show_size
+from gateway.config.values.duration import parse_size_or_zero, show_size
 
 
 @pytest.mark.parametrize(

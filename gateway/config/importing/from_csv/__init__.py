@@ -5,5 +5,5 @@
 - headings     which column is which
 - place        addresses and reference numbers
 - words        what manuals call areas, types, word orders and access; numbers as spreadsheets have them
-- row          a row as a point; layout is a part of it
+- row          a row as a point
 """

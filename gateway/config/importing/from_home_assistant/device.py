@@ -7,7 +7,7 @@ from typing import Final
 
 from gateway.config.importing.from_home_assistant.entities import KINDS, Found
 from gateway.config.importing.from_home_assistant.fields import Documents, Fields, fields_of
-from gateway.config.importing.imported import ImportedFileError
+from gateway.config.importing.imported import ImportedFileError, take_name
 from gateway.config.importing.points import PointNames, PointRow, ProfilePart, on_one_line, slug
 from gateway.config.reading.toml_text import Value
 from gateway.config.values.reserved_names import RESERVED
@@ -46,10 +46,7 @@ class Taken:
         """Take a name like this one, in letters and digits of ASCII: it is that of a profile too."""
         plain = unicodedata.normalize("NFKD", wanted).encode("ascii", "ignore").decode()
         base = slug(plain).replace(".", "-").replace("*", "").strip("-") or "device"
-        numbered = (f"{base}-{number}" for number in range(2, 100_000))
-        name = next(each for each in (base, *numbered) if each not in self.names)
-        self.names.add(name)
-        return name
+        return take_name(base, self.names)
 
     def client_unit(self, unit: int) -> bool:
         """Take a unit for clients, if it is free."""

@@ -88,9 +88,8 @@ def switch(fields: Fields) -> Iterator[Found]:
 
 def cover(fields: Fields) -> Iterator[Found]:
     """Make the points of a cover: its command, and its state if that is elsewhere."""
-    old = next((key for key in ("coil", "register") if fields.has(key)), "")  # before 2021.5
-    area = Area.COILS if old == "coil" else area_in(fields, "input_type", Area.HOLDING, (Area.HOLDING, Area.COILS))
-    address = fields.whole(old or "address")
+    area = area_in(fields, "input_type", Area.HOLDING, (Area.HOLDING, Area.COILS))
+    address = fields.whole("address")
     usual = {"closed": 0, "open": 1, "opening": 2, "closing": 3}
     states = {state: [fields.whole(f"state_{state}", number)] for state, number in usual.items()}
     ends = states if area is Area.HOLDING else {"closed": [0], "open": [1]}
@@ -188,10 +187,7 @@ def _clamped(fields: Fields) -> str:
 
 def climate(fields: Fields) -> Iterator[Found]:
     """Make the points of a thermostat: its temperatures, modes and switches."""
-    key, kind = ("address", "input_type")
-    if not fields.has(key):  # before 2021.5
-        key, kind = ("current_temp_register", "current_temp_register_type")
-    area, address = area_in(fields, kind, Area.HOLDING, REGISTERS), fields.whole(key)
+    area, address = area_in(fields, "input_type", Area.HOLDING, REGISTERS), fields.whole("address")
     layout = layout_of(fields)
     unit: dict[str, Value] = {"unit": "°F" if fields.text("temperature_unit", "C").upper() == "F" else "°C"}
     current = layout.parts[0]

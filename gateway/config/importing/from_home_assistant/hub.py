@@ -10,8 +10,7 @@ from gateway.config.importing.imported import ImportedFileError, address, millis
 from gateway.config.importing.points import ProfilePart
 from gateway.config.problem import WrongValue
 from gateway.config.reading.toml_text import Row, Rows, TableText, Value
-from gateway.config.values.character_format import fits_mode, parse_format
-from gateway.config.values.port import parse_port
+from gateway.config.values.port import fits_mode, parse_format, parse_port
 
 #: How long Home Assistant waits for a response, in seconds.
 _TIMEOUT: Final = 3

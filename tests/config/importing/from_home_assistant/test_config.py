@@ -301,7 +301,6 @@ def test_a_light_may_have_a_brightness():
     [
         ("address: 7", {"a": ("holding", 7, "yes", None, {0: "closed", 1: "open", 2: "opening", 3: "closing"})}),
         ("address: 7, input_type: coil", {"a": ("coils", 7, "yes", None, {0: "closed", 1: "open"})}),
-        ("coil: 7", {"a": ("coils", 7, "yes", None, {0: "closed", 1: "open"})}),
         (
             "address: 7, input_type: coil, status_register: 9, status_register_type: input, state_open: 5",
             {
