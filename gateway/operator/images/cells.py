@@ -2,12 +2,12 @@
 
 import asyncio
 
-from gateway.clock.slices import turn
+from gateway.clock.slices import in_slices
 from gateway.errors import ExceptionCode, Malformed, NotPermitted, WrongQuestion
 from gateway.modbus.pdu import Span
 from gateway.operator.images.grid import MOST, grid_of
 from gateway.operator.images.kept import window
-from gateway.operator.operations.answers.values import Cell, Cells
+from gateway.operator.operations.answers.values import Cells
 from gateway.operator.operations.asked import Addresses
 from gateway.operator.operations.operation import Asker
 from gateway.operator.operator import Operator
@@ -33,8 +33,6 @@ async def tell_image(operator: Operator, asked: Addresses, asker: Asker) -> Cell
     found = window(operator.gateway, unit.key, span, [span], asyncio.get_running_loop().time())
     if found is None:
         raise WrongQuestion(f"unit {unit.unit} is no image")
-    values: list[Cell] = []
-    for _, cells in grid_of(found, area, points[0].type, points[0].swap).rows():
-        values += cells
-        await turn()  # a row takes a tenth of a millisecond; the lines come first
+    rows = grid_of(found, area, points[0].type, points[0].swap).rows()
+    values = await in_slices(cell for _, cells in rows for cell in cells)
     return Cells(unit=unit.unit, name=unit.name, area=area, stale_ms=found.stale_ms, values=values)

@@ -1,12 +1,10 @@
 """Response times of a device, beside their limits."""
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
 
 from gateway.clock.times import milliseconds, optional_ms
-from gateway.errors import WrongQuestion
 from gateway.lines.counts import Counts
 from gateway.operator.operations.answers.unit import UnitHead
 from gateway.operator.units.calibration import measured
@@ -80,10 +78,7 @@ def _times(function: int, times: Times, counts: Counts, proposed_ms: float | Non
 
 def _proposed(gateway: Gateway, unit: str) -> Mapping[int, float]:
     """Compute the longest limit that `calibrate` would propose for each function with enough responses, in ms."""
-    try:
-        about = measured(gateway, unit)
-    except WrongQuestion:
-        return {}
+    about = measured(gateway, unit)
     rows = [
         MeasuredTimes(
             each.function,
@@ -92,15 +87,14 @@ def _proposed(gateway: Gateway, unit: str) -> Mapping[int, float]:
             each.allowed_ms + 1000 * NETWORK_LATENCY if about.mode == "tcp" else each.limit_ms,
             each.allowed_ms,
             each.longest_ms / 1000,
+            each.count,
         )
         for each in about.rows
     ]
-    proposal, count = Proposal(rows, about.margin), Counter[int]()
-    for each in about.rows:
-        count[each.function] += each.count
+    proposal = Proposal(rows, about.margin)
     of_function = {function: list(each) for function, each in groupby(rows, lambda row: row.function)}
     return {
         function: milliseconds(max(map(proposal.limit, each)))
         for function, each in of_function.items()
-        if count[function] >= ENOUGH_TO_SHORTEN
+        if sum(row.count for row in each) >= ENOUGH_TO_SHORTEN
     }
