@@ -31,8 +31,8 @@ _TERMIOS2: Final = struct.Struct("=4IB19s2I")
 #: `struct serial_icounter_struct`: changes of CTS, DSR, RI and DCD, bytes received and sent, framing errors, overruns
 #: of the UART, parity errors, breaks, overruns of the driver's buffer; the rest is reserved.
 _ICOUNTER: Final = struct.Struct("=11i36x")
-#: `struct serial_rs485`: flags, two delays, and more.
-_RS485: Final = struct.Struct("=I28s")
+#: `struct serial_rs485`: flags, the delays before and after sending in milliseconds, and more.
+_RS485: Final = struct.Struct("=3I20s")
 #: `struct serial_struct` begins with these words; 128 bytes hold it on every architecture.
 _SERIAL_STRUCT_SIZE: Final = 128
 _SERIAL_TYPE: Final = 0
@@ -177,8 +177,11 @@ def is_usb(descriptor: int) -> bool:
     return subsystem.name in ("usb", "usb-serial")
 
 
-def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
-    """Let the driver switch the transmitter (RS-485), or leave that to the adapter. Delays stay unchanged.
+def switch_rs485(descriptor: int, *, on: bool, delays: tuple[int, int] | None = None) -> bytes | None:
+    """Let the driver switch the transmitter (RS-485), or leave that to the adapter.
+
+    `delays` are from switching on to the first bit and from the last bit to switching off, in milliseconds; without
+    them those of the driver stay, and it may round or ignore others: `read_rs485_delays` tells.
 
     Returns the setting from before, for `restore_rs485`; None if it was the same, or the driver has no RS-485.
 
@@ -187,15 +190,15 @@ def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
     """
     try:
         found = fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size))
-        flags, others = _RS485.unpack(found)
-        wanted = flags & ~SER_RS485_ENABLED
+        flags, before, after, others = _RS485.unpack(found)
+        wanted, delays = flags & ~SER_RS485_ENABLED, delays or (before, after)
         if on:  # RTS is high while it sends, and it does not receive itself
             wanted = flags & ~(SER_RS485_RTS_AFTER_SEND | SER_RS485_RX_DURING_TX)
             wanted |= SER_RS485_ENABLED | SER_RS485_RTS_ON_SEND
-        if wanted == flags:
+        if (wanted, delays) == (flags, (before, after)):
             return None
-        restore_rs485(descriptor, _RS485.pack(wanted, others))
-        now, _ = _RS485.unpack(fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size)))
+        restore_rs485(descriptor, _RS485.pack(wanted, *delays, others))
+        now, *_ = _RS485.unpack(fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size)))
     except OSError:
         if on:
             raise
@@ -203,6 +206,16 @@ def switch_rs485(descriptor: int, *, on: bool) -> bytes | None:
     if on and not now & SER_RS485_ENABLED:
         raise OSError(errno.EOPNOTSUPP, "the driver ignores it")
     return found
+
+
+def read_rs485_delays(descriptor: int) -> tuple[int, int]:
+    """Return the delays that a driver keeps which switches the transmitter, as `switch_rs485` takes them.
+
+    Raises:
+        OSError: the driver has no RS-485, or the port was lost.
+    """
+    _, before, after, _ = _RS485.unpack(fcntl.ioctl(descriptor, TIOCGRS485, bytes(_RS485.size)))
+    return before, after
 
 
 def restore_rs485(descriptor: int, found: bytes) -> None:

@@ -25,6 +25,7 @@ from gateway.hardware.ioctls import (
     is_sending,
     is_usb,
     read_baud,
+    read_rs485_delays,
     restore_rs485,
     set_low_latency,
     switch_rs485,
@@ -178,7 +179,10 @@ def _set_up(serial: ConfiguredOnce, settings: SerialSettings, *, is_virtual: boo
     baud = _check_baud(descriptor, settings.port, settings.baud)
     if not is_virtual:  # a pseudo-terminal stays exclusive while its other end is open
         fcntl.ioctl(descriptor, termios.TIOCEXCL)
-    return OpenDevice(settings.port, serial, is_virtual, latency, baud, _set_rs485(descriptor, settings))
+    before = _set_rs485(descriptor, settings)
+    if settings.rs485 == "kernel":
+        latency += _check_rs485_delays(descriptor, settings, before)
+    return OpenDevice(settings.port, serial, is_virtual, latency, baud, before)
 
 
 def _set_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
@@ -189,9 +193,20 @@ def _set_rs485(descriptor: int, settings: SerialSettings) -> bytes | None:
     if settings.listens:
         return None
     try:
-        return switch_rs485(descriptor, on=settings.rs485 == "kernel")
+        return switch_rs485(descriptor, on=settings.rs485 == "kernel", delays=settings.rs485_delay)
     except OSError as error:
         raise PortError(f'{settings.port} has no RS-485 support in its driver; use rs485 = "adapter"') from error
+
+
+def _check_rs485_delays(descriptor: int, settings: SerialSettings, found: bytes | None) -> float:
+    """Return the seconds by which the driver delays a request; raise PortError if they are not those of the config."""
+    delays = read_rs485_delays(descriptor)
+    if settings.rs485_delay not in (None, delays):
+        if found is not None:
+            restore_rs485(descriptor, found)
+        wanted, kept = (" and ".join(f"{each} ms" for each in pair) for pair in (settings.rs485_delay, delays))
+        raise PortError(f"{settings.port}: its driver cannot do rs485_delay {wanted}, it would keep {kept}")
+    return sum(delays) / 1000
 
 
 def _check_format(descriptor: int, settings: SerialSettings) -> None:

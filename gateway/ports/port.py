@@ -94,6 +94,8 @@ OpenPort = Callable[[PortUser], Awaitable[Port]]
 class SerialSettings:
     """The settings of a serial port. If `latency` is None, it depends on the driver.
 
+    `rs485_delay` are the milliseconds from switching the transmitter on to the first bit, and from the last bit to
+    switching it off; None leaves those of the driver.
     With `listens`, it is opened so that it cannot send; see `ListeningPort`.
     """
 
@@ -103,6 +105,12 @@ class SerialSettings:
     rs485: Literal["adapter", "kernel"] = "adapter"
     latency: float | None = None
     listens: bool = False
+    rs485_delay: tuple[int, int] | None = None
+
+    @property
+    def driver_delay(self) -> float:
+        """The seconds that `rs485_delay` adds to the time from a request to its response."""
+        return sum(self.rs485_delay or ()) / 1000
 
 
 @dataclass(frozen=True, slots=True)

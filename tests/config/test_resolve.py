@@ -277,6 +277,7 @@ serves = [6, 7]
 gap = "2 ms"
 latency = "1 ms"
 rs485 = "kernel"
+rs485_delay = ["2 ms", "1 ms"]
 echo = true
 on_failure = "silent"
 answer_within = "500 ms"
@@ -285,7 +286,8 @@ broadcast_to = "all"
     )
     (server,) = plan.servers
     assert [line.line.name for line in plan.lines] == ["a"]
-    assert server.port == SerialSettings("/dev/ttyS2", 9600, CharacterFormat(7, "O", 1), "kernel", 0.001)
+    assert server.port == SerialSettings("/dev/ttyS2", 9600, CharacterFormat(7, "O", 1), "kernel", 0.001, False, (2, 1))
+    assert server.latency == pytest.approx(0.004)
     assert server.line == ServerSettings(
         name="panel",
         timing=LineTiming("ascii", 9600, CharacterFormat(7, "O", 1)),

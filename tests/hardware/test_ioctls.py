@@ -23,6 +23,7 @@ from gateway.hardware.ioctls import (
     divide_clock,
     has_redefined_38400,
     is_sending,
+    read_rs485_delays,
     restore_rs485,
     switch_rs485,
 )
@@ -148,6 +149,14 @@ def test_what_is_as_it_should_be_is_not_touched(driver, found, on):
     driver = driver(found)
     assert switch_rs485(3, on=on) is None
     assert driver.flags == found
+
+
+def test_delays_are_set_read_and_put_back(driver):
+    driver = driver(ON)
+    before = switch_rs485(3, on=True, delays=(3, 0))
+    assert (driver.flags, read_rs485_delays(3)) == (ON, (3, 0))
+    restore_rs485(3, before)
+    assert read_rs485_delays(3) == (1, 2)
 
 
 def test_a_driver_that_passes_over_it(driver):

@@ -194,7 +194,8 @@ async def test_a_rate_with_another_meaning(virtual, user, monkeypatch):
 
 async def test_what_a_driver_did_before_is_restored_in_the_end(virtual, user, monkeypatch):
     restored = []
-    monkeypatch.setattr(opening, "switch_rs485", lambda descriptor, *, on: b"found" if on else None)
+    monkeypatch.setattr(opening, "switch_rs485", lambda descriptor, *, on, delays: b"found" if on else None)
+    monkeypatch.setattr(opening, "read_rs485_delays", lambda descriptor: (0, 0))
     monkeypatch.setattr(opening, "restore_rs485", lambda descriptor, found: restored.append(found))
     async with opened(virtual.path, user):
         pass
@@ -205,6 +206,20 @@ async def test_what_a_driver_did_before_is_restored_in_the_end(virtual, user, mo
         assert restored == []
     assert restored == [b"found"]
     assert list(sending) == []
+
+
+async def test_what_a_driver_waits_before_and_after_sending_counts(virtual, user, monkeypatch):
+    restored = []
+    monkeypatch.setattr(opening, "switch_rs485", lambda descriptor, *, on, delays: b"found")
+    monkeypatch.setattr(opening, "read_rs485_delays", lambda descriptor: (20, 10))
+    monkeypatch.setattr(opening, "restore_rs485", lambda descriptor, found: restored.append(found))
+    for delays in (None, (20, 10)):
+        async with opened(virtual.path, user, rs485="kernel", latency=0.005, rs485_delay=delays) as port:
+            assert port.latency == pytest.approx(0.035)
+    restored.clear()
+    with pytest.raises(PortError, match="cannot do rs485_delay 20 ms and 0 ms, it would keep 20 ms and 10 ms"):
+        await open_serial(settings(virtual.path, rs485="kernel", rs485_delay=(20, 0)), user)
+    assert restored == [b"found"]
 
 
 async def test_a_driver_that_passes_over_the_format(virtual, user, monkeypatch):

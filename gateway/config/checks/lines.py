@@ -28,6 +28,7 @@ def check_lines(config: Config) -> Iterator[Problem]:
     for line in config.line:
         yield from _check_device_server(line)
         yield from _check_format(line)
+        yield from _check_rs485_delay(line)
         yield from _check_role(line)
         yield from _check_virtual_port(line)
 
@@ -57,6 +58,12 @@ def _check_device_server(line: Line) -> Iterator[Problem]:
     if line.rs485 == "kernel":
         remedy = 'set RS-485 in the device server, and leave rs485 out or "adapter"'
         yield error((*line.path, "rs485"), "a device server controls its own driver", remedy)
+
+
+def _check_rs485_delay(line: Line) -> Iterator[Problem]:
+    if line.rs485_delay is not None and line.rs485 != "kernel":
+        remedy = 'take it out, or write rs485 = "kernel" if the driver switches the transmitter'
+        yield error((*line.path, "rs485_delay"), 'has no meaning: it is for rs485 = "kernel"', remedy)
 
 
 def _check_format(line: Line) -> Iterator[Problem]:

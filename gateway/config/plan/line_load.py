@@ -210,5 +210,5 @@ def _usual_latency(line: LinePlan | MonitorPlan) -> float:
     What a network adds is not known if the config does not say it.
     """
     if isinstance(line.port, SerialSettings):
-        return line.port.latency or 0.0
+        return (line.port.latency or 0.0) + line.port.driver_delay
     return 0.0 if line.latency == NETWORK_LATENCY else line.latency

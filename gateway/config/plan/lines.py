@@ -127,7 +127,7 @@ def _port(line: Line, timing: LineTiming) -> PortSettings:
     if isinstance(line.port, VirtualPort):
         latency = _LATENCY_OF_PROGRAMS if line.latency is None else line.latency
         return PtySettings(str(line.port), line.port.name, line.group, latency)
-    return SerialSettings(line.port, line.baud, timing.format, line.rs485, line.latency)
+    return SerialSettings(line.port, line.baud, timing.format, line.rs485, line.latency, rs485_delay=line.rs485_delay)
 
 
 def _server(address: Address, latency: float) -> TcpSettings:

@@ -17,7 +17,7 @@ from gateway.lines.settings import LineSettings
 from gateway.listeners.sessions.server_line import ServerSettings
 from gateway.listeners.settings import ListenSettings
 from gateway.modbus.codes import BROADCAST_UNIT
-from gateway.ports.port import PortSettings, SiteSettings, TcpSettings
+from gateway.ports.port import PortSettings, SerialSettings, SiteSettings, TcpSettings
 from gateway.profiles.point import Point
 from gateway.profiles.published import PublishedDevice
 from gateway.routing.access import DEFAULT_ROWS, AccessRow, Network
@@ -48,6 +48,11 @@ class LeasePlan:
     fallback: Literal["release", "hold"] = "release"
 
 
+def _known_latency(port: PortSettings) -> float:
+    latency = ASSUMED_LATENCY if port.latency is None else port.latency
+    return latency + port.driver_delay if isinstance(port, SerialSettings) else latency
+
+
 @dataclass(frozen=True, slots=True)
 class _WithDevices:
     """A line with devices: its port, its settings, and the devices."""
@@ -64,7 +69,7 @@ class _WithDevices:
     @property
     def latency(self) -> float:
         """Give the latency of the port, as far as it is known before the port is open."""
-        return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
+        return _known_latency(self.port)
 
     @property
     def budget(self) -> Budget:
@@ -165,7 +170,7 @@ class ServerPlan:
     @property
     def latency(self) -> float:
         """Give the latency of the port, as far as it is known before the port is open."""
-        return ASSUMED_LATENCY if self.port.latency is None else self.port.latency
+        return _known_latency(self.port)
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,19 @@ _SINGLES: Final = _sections(None)
 #: Keys that no other table refers to. A table with errors only in these is still checked against the others.
 _NOT_REFERRED_TO: Final = frozenset(
     {
-        *("baud", "format", "rs485", "echo", "latency", "timeout", "gap", "turnaround", "late_window", "queue"),
+        *(
+            "baud",
+            "format",
+            "rs485",
+            "rs485_delay",
+            "echo",
+            "latency",
+            "timeout",
+            "gap",
+            "turnaround",
+            "late_window",
+            "queue",
+        ),
         *("max_wait", "retries", "retry_within", "rest", "wire", "coalesce", "broadcast", "priority"),
         *("clients", "idle", "in_flight", "on_failure"),
     }

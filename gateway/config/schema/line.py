@@ -19,6 +19,7 @@ from gateway.config.values.key_types import (
     ListOf,
     LongerDuration,
     Name,
+    Rs485Delay,
     ServedUnits,
 )
 from gateway.config.values.port import VirtualPort
@@ -53,6 +54,12 @@ class Line(Table):
     )
     rs485: Literal["adapter", "kernel"] = Field(
         "adapter", description="What controls the direction of an RS-485 line: the adapter, or the kernel (TIOCSRS485)."
+    )
+    rs485_delay: Rs485Delay | None = Field(
+        None,
+        description="With `rs485` = `kernel`: how long the driver waits between switching the transmitter on and the "
+        "first bit, and between the last bit and switching it off. They count for time limits. Default: as the driver "
+        "has them, usually none.",
     )
     echo: bool = Field(
         False,

@@ -52,6 +52,16 @@ def parse_duration_or_zero(value: object, least: float = 0.0) -> float:
     return seconds
 
 
+def parse_rs485_delay(value: object) -> tuple[int, int]:
+    """Parse the delays of a driver before and after sending, in milliseconds; Linux knows whole ones, to 100."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise WrongValue("must be two durations", 'such as ["1 ms", "0 ms"]: before the first bit, after the last one')
+    before, after = (1000 * parse_duration_or_zero(each) for each in value)
+    if max(before, after) > 100 or not (round(before, 6).is_integer() and round(after, 6).is_integer()):
+        raise WrongValue("must be whole milliseconds, 100 at most")
+    return round(before), round(after)
+
+
 def _or_auto(parse: Callable[[object], float]) -> Callable[[object], float | None]:
     """Make a function that parses a duration, or returns None for "auto"."""
     return lambda value: None if value == "auto" else parse(_no_word(value, '"auto"'))

@@ -24,6 +24,7 @@ from gateway.config.values.duration import (
     parse_duration_or_off_or_auto,
     parse_duration_or_zero,
     parse_duration_or_zero_or_auto,
+    parse_rs485_delay,
     parse_size_or_zero,
     show_duration,
     show_size,
@@ -116,6 +117,7 @@ DurationOrOffOrAuto = Annotated[
     float | None,
     _time(parse_duration_or_off_or_auto, 'duration, `"auto"` or `"off"`', schema=any_of(_TIME, one_of("auto", "off"))),
 ]
+Rs485Delay = Annotated[tuple[int, int], Kind('list such as `["1 ms", "0 ms"]`', list_of(_TIME), parse_rs485_delay)]
 Format = Annotated[CharacterFormat, Kind('text such as `"8E1"`', text("[78][NEOneo][12]"), parse_format)]
 LinePort = Annotated[
     str | Address | VirtualPort,

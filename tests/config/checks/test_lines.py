@@ -135,6 +135,15 @@ def test_what_a_virtual_port_does_not_have(key, told):
     assert problems(LINE + VIRTUAL + key + "\n") == [told]
 
 
+def test_delays_are_for_the_driver_that_switches_the_transmitter():
+    told = (
+        'error: line[0].rs485_delay: has no meaning: it is for rs485 = "kernel"'
+        ' | take it out, or write rs485 = "kernel" if the driver switches the transmitter'
+    )
+    assert problems(LINE + 'rs485_delay = ["1 ms", "0"]\n') == [told]
+    assert problems(LINE + 'rs485 = "kernel"\nrs485_delay = ["1 ms", "0"]\n') == []
+
+
 def test_the_group_of_an_adapter_is_not_set_here():
     told = "error: line[0].group: is for virtual ports | take it out: the port of an adapter has its group from udev"
     assert problems(LINE + 'group = "users"\n') == [told]

@@ -11,6 +11,7 @@ from gateway.config.values.duration import (
     parse_duration_or_off_or_auto,
     parse_duration_or_zero,
     parse_duration_or_zero_or_auto,
+    parse_rs485_delay,
     show_duration,
 )
 
@@ -131,3 +132,14 @@ def test_a_duration_is_shown_with_three_figures(seconds, text):
 def test_what_is_shown_can_be_written(number, unit):
     seconds = parse_duration(f"{number} {unit}")
     assert parse_duration(show_duration(seconds)) == pytest.approx(seconds)
+
+
+def test_the_delays_of_a_driver_that_switches_the_transmitter():
+    assert parse_rs485_delay(["2 ms", "0"]) == (2, 0)
+    assert parse_rs485_delay(["0.1 s", "29 ms"]) == (100, 29)
+
+
+@pytest.mark.parametrize("value", ["2 ms", ["2 ms"], ["2 ms", "0", "0"], ["101 ms", "0"], ["0", "0.5 ms"], [2, 0]])
+def test_no_delays_of_a_driver(value):
+    with pytest.raises(WrongValue):
+        parse_rs485_delay(value)
