@@ -1,12 +1,10 @@
 """The sites of a fleet as CSV, for spreadsheets and scripts."""
 
-import csv
 from collections.abc import Iterable
-from io import StringIO
 from typing import Final
 
 from gateway.fleet.status import SiteStatus
-from gateway.operator.values.values_csv import harmless
+from gateway.operator.values.values_csv import csv_text, harmless
 
 #: The columns: `for` is in seconds, times are RFC 3339 text, several things in a cell are parted by semicolons. What a
 #: site does not tell is empty.
@@ -18,11 +16,8 @@ COLUMNS: Final = (
 
 def sites_as_csv(sites: Iterable[SiteStatus]) -> str:
     """Write a row for each site, below the headings."""
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows([harmless(cell) if isinstance(cell, str) else cell for cell in _cells(each)] for each in sites)
-    return text.getvalue()
+    cells = ([harmless(cell) if isinstance(cell, str) else cell for cell in _cells(each)] for each in sites)
+    return csv_text(COLUMNS, cells)
 
 
 def _cells(each: SiteStatus) -> Iterable[str | float]:

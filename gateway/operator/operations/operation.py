@@ -1,7 +1,7 @@
 """An operation: one thing that can be asked of a running gateway, as data.
 
 The control socket, HTTP with its OpenAPI document, and the command line are built from the table of all operations
-(`operations.py`). The function that carries out an operation is loaded on first use:
+(`table.py`). The function that carries out an operation is loaded on first use:
 
     async def forget(operator: Operator, asked: Device, asker: Asker) -> Forgotten
 

@@ -15,10 +15,13 @@ _FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 
 def values_as_csv(values: Iterable[KnownValue]) -> str:
     """Write a row for each point, below the headings; numbers have a decimal point in every language."""
+    return csv_text(COLUMNS, map(_cells, values))
+
+
+def csv_text(columns: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """Write rows below the headings."""
     text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    writer.writerows(_cells(each) for each in values)
+    csv.writer(text, lineterminator="\n").writerows([columns, *rows])
     return text.getvalue()
 
 
@@ -26,7 +29,7 @@ def _cells(each: KnownValue) -> tuple[str, ...]:
     return (
         each.name,
         each.point,
-        "" if each.value is None else _cell(each.value, each.text),
+        "" if each.value is None else harmless(each.text) if isinstance(each.value, str) else each.text,
         each.measure or "",
         each.state,
         "" if each.age_ms is None else f"{each.age_ms / 1000:.1f}",
@@ -38,7 +41,3 @@ def _cells(each: KnownValue) -> tuple[str, ...]:
 def harmless(text: str) -> str:
     """Put an apostrophe before text of others that a spreadsheet would take for a formula."""
     return f"'{text}" if text.startswith(_FORMULA) else text
-
-
-def _cell(value: object, text: str) -> str:
-    return harmless(text) if isinstance(value, str) else text
