@@ -55,7 +55,7 @@ async def control_open(
 
     def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(conversations) >= MOST_CONNECTIONS:
-            writer.write(_line(_refuse(f"{MOST_CONNECTIONS} others are connected already; try again later")))
+            writer.write(_refusal(f"{MOST_CONNECTIONS} others are connected already; try again later"))
             writer.close()
             return
         conversation = asyncio.create_task(
@@ -156,10 +156,10 @@ async def _answers(
             async for answer in answers:
                 yield answer
     except WrongQuestion as wrong:
-        yield _line(_refuse(str(wrong)))
+        yield _refusal(str(wrong))
     except Exception as error:  # noqa: BLE001 - the error boundary of a request
         emit(PartFailed.of("control socket", error))
-        yield _line(_refuse("a defect in the gateway; its log says more"))
+        yield _refusal("a defect in the gateway; its log says more")
 
 
 async def _lines(
@@ -212,8 +212,8 @@ async def carry_out(
         yield answer_of(operation, await operation.answer(operator, asked, asker))
 
 
-def _refuse(why: str) -> dict[str, Any]:
-    return {"ok": False, "error": why}
+def _refusal(why: str) -> bytes:
+    return _line({"ok": False, "error": why})
 
 
 async def _written(answer: Mapping[str, Any]) -> bytes:
