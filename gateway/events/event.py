@@ -8,6 +8,7 @@ from typing import ClassVar, Final, dataclass_transform
 _FIELD: Final = re.compile(r"\{(\w+)\}")
 _OPTIONAL: Final = re.compile(r"\[(.*?)\]")
 _EMPTY: Final = ("", (), None)
+_MISSING: Final = object()
 
 
 class Level(IntEnum):
@@ -37,20 +38,20 @@ class Event:
     name: ClassVar[str]
     #: The names of its fields, in the order of the values that make it.
     field_names: ClassVar[tuple[str, ...]] = ()
-    _known: ClassVar[frozenset[str]] = frozenset()
+    #: By name the values of those that need not be given, and _MISSING for the others.
+    _unless_given: ClassVar[dict[str, object]] = {}
 
     def __init_subclass__(cls) -> None:
         cls.name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
         cls.field_names = tuple(cls.__annotations__)
-        cls._known = frozenset(cls.field_names)
+        cls._unless_given = {name: getattr(cls, name, _MISSING) for name in cls.field_names}
 
     def __init__(self, *values: object, **named: object) -> None:
-        told, names = self.__dict__, self.field_names
-        told.update(zip(names, values, strict=False), **named)
-        if len(told) != len(values) + len(named) or not told.keys() <= self._known:
-            raise TypeError(f"{type(self).__name__} has the fields {names}, and not {values} and {named}")
-        if len(told) < len(names) and (missing := [name for name in names if not hasattr(self, name)]):
-            raise TypeError(f"{type(self).__name__} lacks {missing}")
+        names = self.field_names
+        if len(values) == len(names) and not named:
+            self.__dict__.update(zip(names, values, strict=True))
+        else:
+            self.__dict__.update(self._completed(values, named))
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{self} is frozen")
@@ -66,12 +67,22 @@ class Event:
 
     def fields(self) -> dict[str, object]:
         """Return the fields of the log line, by name."""
-        return {name: getattr(self, name) for name in self.field_names}
+        return self.__dict__.copy()
 
     def in_words(self, template: str | None = None) -> str:
         """Return the event as a sentence; or another `template` filled in."""
         text = self.says if template is None else template
         return _FIELD.sub(self._told, _OPTIONAL.sub(self._kept, text)) if "{" in text else text
+
+    def _completed(self, values: tuple[object, ...], named: dict[str, object]) -> dict[str, object]:
+        """Return all fields, in their order."""
+        names, given, who = self.field_names, len(values) + len(named), type(self).__name__
+        told = {**self._unless_given, **dict(zip(names, values, strict=False)), **named}
+        if len(values) > len(names) or len(told) > len(names) or not named.keys().isdisjoint(names[: len(values)]):
+            raise TypeError(f"{who} has the fields {names}, and not {values} and {named}")
+        if given < len(names) and (missing := [name for name in names if told[name] is _MISSING]):
+            raise TypeError(f"{who} lacks {missing}")
+        return told
 
     def _kept(self, part: re.Match[str]) -> str:
         """Return what stands in brackets, or nothing if a value in it is empty."""

@@ -92,14 +92,18 @@ class ForeignFrame(Event):
 
 
 class QueueFull(Event):
-    """The queue of a line is full. `client` had most requests in it, and its newest was answered 06."""
+    """The queue of a line is full. `client` had most requests in it, and its newest was answered 06.
+
+    `times` is the number of further ones to the same device within ten seconds, which have one event; else None.
+    """
 
     level = Level.WARNING
-    says = "the queue of line {line} is full: {client} has most requests in it, and got 06"
+    says = "the queue of line {line} is full: {client} has most requests in it, and got 06[ {times} times more]"
     line: str
     unit: int
     device: str
     client: str
+    times: int | None = None
 
 
 class AddressMoved(Event):

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from gateway.modbus.codes import Area
 from gateway.modbus.functions import only_reads
 from gateway.modbus.pdu import Span, parse_sent
 from gateway.request import Request
@@ -25,7 +26,8 @@ class LastWrites:
     __slots__ = ("_writes",)
 
     def __init__(self) -> None:
-        self._writes: dict[Span, LastWrite] = {}
+        #: By area, first address and number, which are found sooner than a Span.
+        self._writes: dict[tuple[Area, int, int], LastWrite] = {}
 
     def done(self, request: Request) -> None:
         """Record a request that has succeeded, unless it only reads."""
@@ -34,8 +36,9 @@ class LastWrites:
         span = parse_sent(request.pdu).write
         if span is None:
             return
-        self._writes.pop(span, None)
-        self._writes[span] = LastWrite(span, request.caller.client, request.received_at)
+        key = span.area, span.start, span.count
+        self._writes.pop(key, None)
+        self._writes[key] = LastWrite(span, request.caller.client, request.received_at)
         if len(self._writes) > MOST:
             del self._writes[next(iter(self._writes))]
 

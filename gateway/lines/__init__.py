@@ -11,7 +11,7 @@
 - bits         a write to bits of a register: a read and a write in one turn (ADR 33)
 - last_reads   the last response to each read of a device, for those who want to see its values
 - breaker, idle, reopening    back-off of units, scans in idle time, requests that wait for a connection
-- telling, counts    events, records for the trace, counters for the status
+- telling, refusals, counts    events, records for the trace, counters for the status
 - driver       connects a line to port and event loop
 - monitor      a line where the gateway only listens
 """

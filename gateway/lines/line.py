@@ -194,6 +194,7 @@ class Line(TakesTransactions):
         """Accept no more requests: waiting ones fail with 0A, the one on the line may still be answered."""
         is_repeating = self._state == "repeating"
         self._disconnect("last" if self.is_busy else "down", now)
+        self._scheduler.refusals.tell(inf)
         waiting = self._scheduler.clear()
         try:
             if is_repeating and self.ledger.current is not None:
@@ -250,6 +251,8 @@ class Line(TakesTransactions):
                 deadline = earliest(deadline, self._receiver.silent_at)
             if self.settings.idle:
                 deadline = earliest(deadline, self._leaves_at())
+        if self._scheduler.refusals.tells_at < inf:
+            deadline = earliest(deadline, self._scheduler.refusals.tells_at)
         return earliest(deadline, self._receiver.late_deadline()) if self.ledger.late else deadline
 
     def read_at(self, now: float) -> float | None:
@@ -266,6 +269,8 @@ class Line(TakesTransactions):
             self._scheduler.record_frames(self._receiver.ended_by_silence(self._scheduler.resting))
         if self.ledger.late:
             self.ledger.await_arrived(self._receiver.position, now)
+        if now >= self._scheduler.refusals.tells_at:
+            self._scheduler.refusals.tell(now)
         if self._scheduler.reopening.until is not None:
             self._scheduler.fail_unsent(self._scheduler.reopening.given_up(now), now)
         current = self.ledger.current

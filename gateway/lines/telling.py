@@ -40,10 +40,9 @@ class Telling:
 
     # --- events ---
 
-    def queue_full(self, transaction: Transaction) -> None:
-        """Report that a request got 06."""
-        device = transaction.device
-        self._emit(events.QueueFull(self._line, device.unit, device.name, transaction.client))
+    def queue_full(self, device: Destination, client: str, times: int | None = None) -> None:
+        """Report that a request got 06, or so many more."""
+        self._emit(events.QueueFull(self._line, device.unit, device.name, client, times))
 
     def given_up(
         self, transaction: Transaction, now: float, *, received: bytes, is_echo: bool, is_damaged: bool = False

@@ -15,6 +15,7 @@ Turns and equal reads are up to `queue`, a connection that is closed while nobod
 from gateway import errors
 from gateway.errors import RequestError
 from gateway.lines.queue import WaitingQueue
+from gateway.lines.refusals import Refusals
 from gateway.lines.reopening import Reopening
 from gateway.lines.telling import Telling
 from gateway.lines.transaction import Destination, Transaction
@@ -27,6 +28,7 @@ class Waiting:
     def __init__(self, queue: WaitingQueue, reopening: Reopening, telling: Telling, longest_rest: float | None) -> None:
         self.queue = queue
         self.reopening = reopening
+        self.refusals = Refusals(telling)
         self._telling = telling
         self._longest_rest = longest_rest
         self._resting: set[Destination] = set()
@@ -36,7 +38,7 @@ class Waiting:
         lost = self.queue.put(transaction, now)
         if lost is None:
             return None
-        self._telling.queue_full(lost)
+        self.refusals.add(lost, now)
         if lost is transaction:
             return errors.QueueFull()
         self._telling.record_refused(lost, errors.QueueFull(), now, waiting=len(self.queue))

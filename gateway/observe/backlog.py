@@ -7,7 +7,7 @@ from queue import SimpleQueue
 from threading import RLock
 from typing import Final
 
-from gateway.events import Event, EventsDropped, Level, WriteAudit
+from gateway.events import Event, EventsDropped, Level, QueueFull, WriteAudit
 
 #: The most waiting entries. Entries that clients cannot cause at will may exceed it, so that a flood of others cannot
 #: displace the audit of a write.
@@ -40,7 +40,12 @@ def entry_of(event: Event) -> Entry:
     audits = int(isinstance(event, WriteAudit))
     # Errors are rare, and each write must be audited; but any client can cause refused writes.
     limited = not event.was_sent if isinstance(event, WriteAudit) else event.level < Level.ERROR
-    return Entry(event.level, event.name, event.fields(), limited, write_audits=audits)
+    return Entry(event.level, event.name, event.fields(), limited, number_of(event), audits)
+
+
+def number_of(event: Event) -> int:
+    """Return how often it has happened: once, unless it was counted."""
+    return event.times or 1 if isinstance(event, QueueFull) else 1
 
 
 @dataclass(slots=True)

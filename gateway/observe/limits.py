@@ -42,7 +42,8 @@ class Limits:
             return True
         limiter = self._of_refusals.get(entry.name, self._usual)
         subject = subject_of(entry.level, entry.name, entry.fields)
-        return limiter.admits(subject, entry.at) and self._admit_in_total(subject, entry.at)
+        admits, at, events = limiter.admits, entry.at, entry.events
+        return admits(subject, at, events) and self._admit_in_total(subject, at, events)
 
     def counts(self, now: float) -> Iterator[Entry]:
         """Yield the counts that are due, each to be written as one line about its subject."""

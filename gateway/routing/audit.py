@@ -44,20 +44,21 @@ class AuditedOrigin(Origin):
     def answer(self, request: Request, pdu: bytes | None) -> None:
         """Log the write, and pass the response on."""
         address, count = _written(request.pdu)
+        caller = self.caller
         self._emit(
-            WriteAudit(
-                client=self.caller.client,
-                listener=self._listener,
-                unit=request.unit,
-                function=request.in_one_turn or request.pdu[0],
-                address=address,
-                count=count,
-                result=self._result(request, pdu),
-                code=f"{pdu[1]:02X}" if pdu is not None and pdu[0] & EXCEPTION_BIT else "",
-                elapsed_ms=round((self._clock() - request.received_at) * 1000, 1),
-                subject=self.caller.subject,
-                role=self.caller.role,
-                device=self._device or request.device,
+            WriteAudit(  # by position, in half the time: a write is one event
+                caller.client,
+                self._listener,
+                request.unit,
+                request.in_one_turn or request.pdu[0],
+                address,
+                count,
+                self._result(request, pdu),
+                f"{pdu[1]:02X}" if pdu is not None and pdu[0] & EXCEPTION_BIT else "",
+                round((self._clock() - request.received_at) * 1000, 1),
+                caller.subject,
+                caller.role,
+                self._device or request.device,
             )
         )
         self.origin.answer(request, pdu)

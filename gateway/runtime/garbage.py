@@ -35,17 +35,19 @@ def no_collection() -> Iterator[None]:
             gc.enable()
 
 
-def settle() -> None:
-    """Exclude all present objects from later collections.
+def pass_over_present() -> None:
+    """Exclude all present objects from later collections: modules, before the parts of the gateway are made.
 
-    Objects that exist after the start stay: modules, the parts of the gateway. Each full collection, after many clients
-    have connected, would traverse them, which takes 15 ms; the clients of full listeners are 1 ms of that. To be called
-    again after a reload, otherwise its old parts would never be freed. This call is a full collection itself. A command
-    that collects nothing while it starts does so from here on.
+    They stay, and are most of what a full collection would traverse: three quarters with 64 lines. The parts are not
+    excluded, so that the old ones are freed after a reload.
     """
+    gc.collect()
+    gc.freeze()
+
+
+def settle() -> None:
+    """Free the parts that a start or a reload has left. A command that collects nothing while it starts does so now."""
     global _was_enabled  # noqa: PLW0603 - see above
     _was_enabled = True
     gc.enable()
-    gc.unfreeze()
     gc.collect()
-    gc.freeze()

@@ -175,7 +175,6 @@ class Reloader:
             return self._rejected((f"{what} cannot be loaded within {LOADING_TIME:g} s",))
         except (ConfigError, ListenError, StateError, TlsError) as error:
             return self._rejected((str(error),))
-        self._settle()
         self.text, self.profile_texts = loaded.text, loaded.profile_texts
         self.applied_at = asyncio.get_running_loop().time()
         self._running.reload_succeeded = not defect
@@ -190,6 +189,7 @@ class Reloader:
             events.ConfigApplied(str(self.file), outcome.added, outcome.removed, outcome.changed, outcome.restart)
         )
         await self.keep_in_use()
+        self._settle()  # in another turn of the loop than the switch
         return outcome
 
     async def _switch(self, new: Gateway, certificates: Mapping[Secured, LoadedTls]) -> str:

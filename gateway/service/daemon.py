@@ -3,7 +3,7 @@
 import asyncio
 import signal
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, nullcontext
+from contextlib import asynccontextmanager, nullcontext, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -104,6 +104,10 @@ async def _run(
     unit_client: UnitClients,
 ) -> None:
     loop = asyncio.get_running_loop()
+    if plan.web is not None:
+        with suppress(ImportError, OSError):  # told when the pages are opened
+            import_module("gateway.web.front.server")
+    garbage.pass_over_present()
     contexts = _load_certificates(plan, emit)
     open_port = partial(make_opener, store=contexts, folder=control.parent)
 

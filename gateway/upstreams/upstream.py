@@ -85,6 +85,7 @@ class Upstream(TakesTransactions):
 
     def finish(self, now: float) -> None:
         """Accept no more requests: waiting ones fail with 0A, those under way may still be answered."""
+        self._waiting.refusals.tell(inf)
         self._waiting.fail_unsent(self._disconnect(now), now)
 
     def renew(self, now: float) -> None:
@@ -178,14 +179,14 @@ class Upstream(TakesTransactions):
             deadline = min(deadline, self._queue.next_expiry() or inf)
             if deadline > self._connection.free_at() and not self._sent.under_way:
                 deadline = self._connection.free_at()
-        if self._reopening.until is not None:
-            deadline = min(deadline, self._reopening.until)
-        else:
-            deadline = min(deadline, self._leaves_at())
+        until = self._reopening.until
+        deadline = min(deadline, self._waiting.refusals.tells_at, self._leaves_at() if until is None else until)
         return None if deadline == inf else deadline
 
     def tick(self, now: float) -> None:
         """Let time pass: time limits may have ended."""
+        if now >= self._waiting.refusals.tells_at:
+            self._waiting.refusals.tell(now)
         failed: list[tuple[Transaction, RequestError]] = []
         for identifier in self._sent.expired(now):
             transaction = self._sent.under_way[identifier]

@@ -106,6 +106,11 @@ def test_the_first_ones_about_the_same_thing_stand_by_themselves_and_others_are_
     assert (counted.first_at, counted.last_at) == (begun + MOST_ALIKE - 1, begun + 19)
 
 
+def test_an_event_that_stands_for_many_counts_as_many(last):
+    add(last, *[events.QueueFull("hall", 7, "press", "10.2.0.7:5", times) for times in (None, 30, None, 20, None, 40)])
+    assert [each.times for each in last.all()] == [1, 30, 1, 20, 41]
+
+
 def test_after_an_hour_they_stand_by_themselves_again(last):
     add(last, *[timeout("press")] * 20, by=ALIKE_FOR / 19.5)
     last.add(timeout("press"))

@@ -18,6 +18,7 @@ from gateway.events import (
     CommandRefused,
     ConfigRejected,
     LineLost,
+    QueueFull,
     Ready,
     RequestTimeout,
     WriteAudit,
@@ -255,6 +256,16 @@ def test_what_is_said_over_and_over_is_counted() -> None:
     assert lost["event"] == "line_lost"
     del count["timestamp"]
     assert count == {"event": "request_timeout", "level": "warning", "line": "hall-a", "unit": 1, "suppressed": 90}
+
+
+def test_a_count_has_all_that_its_events_stand_for() -> None:
+    stream = io.StringIO()
+    with open_log("info", "json", stream) as emit:
+        for _ in range(20):
+            emit(QueueFull("hall-a", 1, "press", "10.0.0.9:1", 7))
+    *told, count = logged(stream)
+    assert [line["times"] for line in told] == [7] * 10
+    assert count["suppressed"] == 70
 
 
 def test_clients_that_are_sent_away_are_worth_one_line_for_each_address() -> None:

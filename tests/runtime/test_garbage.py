@@ -5,7 +5,7 @@ import weakref
 
 import pytest
 
-from gateway.runtime.garbage import no_collection, settle
+from gateway.runtime.garbage import no_collection, pass_over_present, settle
 
 
 class Part:
@@ -15,9 +15,16 @@ class Part:
         self.other = self
 
 
+@pytest.fixture(autouse=True)
+def thaw():
+    """Leave nothing excluded to other tests."""
+    yield
+    gc.unfreeze()
+
+
 def test_a_collection_passes_over_what_was_there_before():
     part = Part()
-    settle()
+    pass_over_present()
     later = Part()
     objects = gc.get_objects()
     assert not any(each is part for each in objects)
@@ -25,10 +32,12 @@ def test_a_collection_passes_over_what_was_there_before():
 
 
 def test_what_a_reload_leaves_behind_is_freed_when_it_settles():
+    pass_over_present()
     part = Part()
-    settle()
     gone = weakref.ref(part)
+    settle()
     del part
+    assert gone() is not None
     settle()
     assert gone() is None
 

@@ -18,6 +18,8 @@ _COUNTED: Final = 16
 _STEP: Final = 0x1000
 #: The next requests were read ahead: they do not prove that the client counts, because it may have given up some.
 _READ_AHEAD: Final = -1
+#: What the first frames of RTU get.
+_OF_RTU: Final = (NoRoute, IllegalFunction)
 #: No client has a shorter time-out, in seconds.
 _QUICK: Final = 0.05
 #: Process bytes already read as soon as possible.
@@ -135,7 +137,7 @@ class MbapSession(Session):
         Raises:
             NotModbus: the client has sent RTU frames.
         """
-        if isinstance(error, NoRoute | IllegalFunction):
+        if isinstance(error, _OF_RTU):
             words = likeness(mbap.encode(request.transaction, request.unit, request.pdu), "Modbus TCP")
             if words:
                 raise NotModbus(f"what it sends is not Modbus TCP{words}")
