@@ -249,8 +249,9 @@ class LastEvents:
     def _count(self, event: LastEvent, now: float, more: int) -> None:
         self.changed += 1
         self._counted.add(event.number)
-        number, _, first_at, _, times, *rest = event  # `_replace` would take three times as long
-        self._events[number] = LastEvent(number, self.changed, first_at, now, times + more, *rest)
+        # `_replace` would take three times as long
+        again = LastEvent(event.number, self.changed, event.first_at, now, event.times + more, *event[5:])
+        self._events[event.number] = again
 
     def _keep(self, event: LastEvent) -> None:
         self._events[event.number] = event
