@@ -57,6 +57,7 @@ int main(int count, char **words) {
         uint16_t values[2];
         modbus_t *port = modbus_new_rtu(words[1], 9600, 'N', 8, 1);
         modbus_set_slave(port, 200);
+        modbus_set_response_timeout(port, 60, 0);
         if (modbus_connect(port)) { perror("connect"); return 1; }
         if (modbus_write_register(port, 5, 70 + again) != 1) { perror("write"); return 1; }
         if (modbus_read_registers(port, 0, 2, values) != 2) { perror("read"); return 1; }
