@@ -250,8 +250,15 @@ def test_without_any_python_it_names_the_package_to_install(checkout: Checkout) 
     assert "apt install python3 python3-venv" in said
 
 
+def test_a_32_bit_system_on_a_64_bit_arm_gets_the_libraries_that_it_can_run(checkout: Checkout) -> None:
+    checkout.program("uname", "echo aarch64")
+    checkout.program("getconf", "echo 32")
+    checkout.program("linux32", 'echo "$_PYTHON_HOST_PLATFORM $2"')
+    assert checkout.go("demo")[:2] == (0, "linux-armv7l demo\n")
+
+
 def test_without_flock_it_names_the_package_to_install(checkout: Checkout) -> None:
-    for needed in ("dirname", "readlink"):
+    for needed in ("dirname", "getconf", "readlink", "uname"):
         (checkout.programs / needed).symlink_to(shutil.which(needed))
     checkout.own["PATH"] = str(checkout.programs)
     status, shown, said = checkout.go()
