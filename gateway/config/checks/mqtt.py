@@ -6,7 +6,7 @@ from typing import Final
 
 from gateway.config.plan.add_ons import EXCLUDES, Publishable, names_device, names_point, publishable
 from gateway.config.plan.settings import Plan
-from gateway.config.problem import Problem, did_you_mean, error, listed
+from gateway.config.problem import Problem, did_you_mean, error, listed, warning
 from gateway.config.schema.add_ons import Mqtt, Publish
 from gateway.config.schema.config import Config
 from gateway.config.values.broker import SPARKPLUG, is_topic_part
@@ -137,6 +137,23 @@ def _check_topics(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[
         yield error((*mqtt.path, "publish"), what, "give the device another name: name = ...")
     if mqtt.sparkplug is None:
         yield from _check_taken(mqtt, devices)
+        return
+    yield from _check_alike(mqtt, [device.name for device in devices], "devices")
+    for device in devices:
+        yield from _check_alike(mqtt, [point.name for point in device.points], f"points of {device.name}")
+
+
+def _check_alike(mqtt: Mqtt, names: list[str], what: str) -> Iterator[Problem]:
+    """Find names that differ by case only, which Sparkplug hosts may take for one."""
+    alike: dict[str, list[str]] = {}
+    for name in names:
+        alike.setdefault(name.casefold(), []).append(name)
+    for same in alike.values():
+        if len(same) > 1:
+            problem = (
+                f"the {what} {listed(same)} differ by upper and lower case only: Sparkplug hosts may take them for one"
+            )
+            yield warning((*mqtt.path, "publish"), problem, "give them other names")
 
 
 def _check_taken(mqtt: Mqtt, devices: tuple[PublishedDevice, ...]) -> Iterator[Problem]:

@@ -1,6 +1,8 @@
 """Checks of the values of points: types that the place does not have, and keys that contradict the type."""
 
 from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from math import ceil, floor
 from typing import Final
 
 from gateway.config.checks.point_writing import ITEMS
@@ -134,6 +136,12 @@ def _check_limits(table: PointTable, data_type: str, bits: Range | None) -> Iter
         yield error((*table.path, "min"), f"is more than the highest value that the point can have: {highest:g}")
     if table.max is not None and table.max < lowest:
         yield error((*table.path, "max"), f"is less than the lowest value that the point can have: {lowest:g}")
+    elif table.min is not None and table.max is not None:
+        scale, offset = Fraction(repr(table.scale)), Fraction(repr(table.offset))
+        of, to = sorted((Fraction(repr(limit)) - offset) / scale for limit in (table.min, table.max))
+        if ceil(of) > floor(to):
+            what = f"no value of the point is from {table.min:g} to {table.max:g}: it has steps of {abs(table.scale):g}"
+            yield error((*table.path, "max"), what)
 
 
 def _check_invalid(table: PointTable, data_type: str) -> Iterator[Problem]:

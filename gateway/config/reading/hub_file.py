@@ -75,6 +75,9 @@ def _check_names(hub: Hub) -> Iterator[Problem]:
             yield error(path, f"{name} is control too, which may be asked like any site", "remove it here")
         elif name in hub.sites[:index]:
             yield error(path, f"{name} is there twice", "remove it here, or give this site another name")
+        elif other := next((each for each in (*control, *hub.sites[:index]) if each.lower() == name.lower()), ""):
+            what = f"{name} differs from {other} only in capitals, so their files can be the same"
+            yield error(path, what, "give one of them another name")
 
 
 def _check_asks(hub: Hub) -> Iterator[Problem]:

@@ -26,6 +26,10 @@ MODE = 'name = "mode", holding = 20, bits = "4-6", max = 5, write = true'
         ('holding = 1, type = "string", length = 2, write = true, max = 1', "0].max: a string is no number"),
         ("holding = 1, write = true, min = 5, max = 4", "0].min: is more than max, which is 4"),
         ("holding = 1, write = true, min = 65536", "0].min: is more than the highest value"),
+        (
+            "holding = 1, scale = 10, min = 1, max = 9",
+            "0].max: no value of the point is from 1 to 9: it has",
+        ),
         ('holding = 1, bits = "0-2", max = 5, write = "only"', "0].write: bits with limits are written by reading"),
         (
             'holding = 1, type = "uint32", bits = "0-2", invalid = 7, max = 5, write = true',

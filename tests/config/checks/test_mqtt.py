@@ -277,6 +277,18 @@ def test_a_site_is_printable():
     assert of_mqtt(BROKER + ROW, devices) == ["error: site: is a part of topics, where +, # and / mean something else"]
 
 
+def test_under_sparkplug_names_that_differ_by_case_only_are_told():
+    devices = DEVICES.replace("hall/3", "Silo-1").replace('"level"', '"Weight"')
+    row = 'publish = [{ device = "?ilo-1", every = "1 s" }]\n'
+    assert of_mqtt(BROKER + row, devices) == []
+    alike = "differ by upper and lower case only: Sparkplug hosts may take them for one"
+    assert of_mqtt(BROKER + row + 'sparkplug = { group = "a" }\n', devices) == [
+        f"warning: mqtt.publish: the devices silo-1, Silo-1 {alike}",
+        f"warning: mqtt.publish: the points of silo-1 weight, Weight {alike}",
+        f"warning: mqtt.publish: the points of Silo-1 weight, Weight {alike}",
+    ]
+
+
 @pytest.mark.parametrize(
     ("rows", "said"),
     [

@@ -29,6 +29,7 @@ def test_two_keys_are_enough():
         ('control = "a"\nsites = ["e.1"]', '2:10: error: sites[0]: "e.1" is not the name of a site'),
         ('control = "a"\nsites = ["east", 5]', "2:18: error: sites[1]: must be text"),
         ('control = "a"\nsites = ["east", "east"]', "2:18: error: sites[1]: east is there twice"),
+        ('control = "a"\nsites = ["east", "East"]', "2:18: error: sites[1]: East differs from east only in capitals"),
         ('control = ["a", "a"]\nsites = ["east"]', "1:11: error: control: a is there twice"),
         ('control = "a"\nsites = ["east", "a"]', "2:18: error: sites[1]: a is control too"),
         (f'{SITES}asks = {{ west = ["east"] }}', '3:10: error: asks.west: there is no site "west"'),
