@@ -69,7 +69,7 @@ class AppliedConfigs:
             with self._turn:
                 self._keep(text, profiles)
         except OSError as error:
-            self._trouble.tell(error.strerror or str(error))
+            self._trouble.failed(error)
         else:
             self._trouble.tell("")
 

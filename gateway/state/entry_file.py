@@ -104,7 +104,7 @@ class EntryFile:
             try:
                 self._replace(changes)
             except Exception as error:  # noqa: BLE001 - the writer must survive for later changes
-                self._trouble.tell(getattr(error, "strerror", None) or str(error))
+                self._trouble.failed(error)
                 if not self._may_try_again(changes):
                     return
             else:

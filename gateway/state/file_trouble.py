@@ -19,3 +19,7 @@ class FileTrouble:
         if self.reason and not reason:
             self._emit(StateKeptAgain(self._file))
         self.reason = reason
+
+    def failed(self, error: BaseException) -> None:
+        """Note the error that keeps it from being written, which may have no text."""
+        self.tell(getattr(error, "strerror", None) or str(error) or type(error).__name__)

@@ -73,7 +73,7 @@ class Store:
         try:
             saved, self._kept, damage = open_saved(self._folder)
         except OSError as error:
-            self._trouble.tell(_reason(error))
+            self._trouble.failed(error)
             return
         if damage:
             count = sum(map(len, self._kept.values()))
@@ -81,7 +81,7 @@ class Store:
         try:
             saved.write({}, self._kept)
         except OSError as error:
-            self._trouble.tell(_reason(error))
+            self._trouble.failed(error)
         else:
             self._trouble.tell("")
         self._saved = saved
@@ -136,7 +136,8 @@ class Store:
         try:
             closing.result(CLOSING_DEADLINE)
         except Exception as error:  # noqa: BLE001 - a disk that hangs or fails must not keep the service from stopping
-            self._emit(StateNotKept(self._file, _reason(error) or "the disk takes too long"))
+            reason = getattr(error, "strerror", None) or str(error) or "the disk takes too long"
+            self._emit(StateNotKept(self._file, reason))
 
     def _unsaved(self) -> tuple[Values, Values]:
         """Return the values being written, and those collected since."""
@@ -169,7 +170,7 @@ class Store:
         self._batch = None
         error = writing.exception()
         if error is not None:
-            self._trouble.tell(_reason(error))
+            self._trouble.failed(error)
             self._refuse(batch)
             return
         self._trouble.tell("")
@@ -203,7 +204,3 @@ def _close(saved: SavedValues, rest: Values, kept: Values) -> None:
             saved.write(rest, kept)
     finally:
         saved.close()
-
-
-def _reason(error: BaseException) -> str:
-    return getattr(error, "strerror", None) or str(error)
