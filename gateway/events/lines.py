@@ -94,7 +94,7 @@ class ForeignFrame(Event):
 class QueueFull(Event):
     """The queue of a line is full. `client` had most requests in it, and its newest was answered 06.
 
-    `times` is the number of further ones to the same device within ten seconds, which have one event; else None.
+    `times` is the number of further ones to the same device within five seconds, which have one event; else None.
     """
 
     level = Level.WARNING

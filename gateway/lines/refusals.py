@@ -6,8 +6,9 @@ from typing import Final
 from gateway.lines.telling import Telling
 from gateway.lines.transaction import Destination, Transaction
 
-#: How long the further refusals of a client are counted before they are told together, in seconds.
-TOGETHER: Final = 10.0
+#: How long the further refusals of a client are counted before they are told together, in seconds. With a pause of ten
+#: the log would take them for new ones each time, and never go over to one line a minute.
+TOGETHER: Final = 5.0
 #: The most clients and devices whose refusals are counted.
 MOST: Final = 1000
 
@@ -23,9 +24,10 @@ class _Told:
 
 
 class Refusals:
-    """Tells of a refusal at once, and TOGETHER later of all further ones of this client and device, with their number.
+    """Tells of a refusal at once, and each TOGETHER of all further ones of this client and device, with their number.
 
-    `tells_at` is when to call `tell`: infinity if nothing is counted.
+    After a time without any, the next one is told at once again. `tells_at` is when to call `tell`: infinity if nothing
+    is counted.
     """
 
     __slots__ = ("_telling", "_told", "tells_at")
@@ -46,19 +48,25 @@ class Refusals:
             told.more += 1
             return
         if len(self._told) >= MOST:
-            self.tell(self.tells_at)
-        self._told[key] = _Told(now + TOGETHER)
-        self.tells_at = min(self.tells_at, now + TOGETHER)
+            self._tell_first()
+        self._count(key, now + TOGETHER)
         self._telling.queue_full(*key)
 
     def tell(self, now: float) -> None:
-        """Tell of the refusals that were counted until `now`."""
-        while self._told:
-            key, told = next(iter(self._told.items()))
-            if told.until > now:
-                self.tells_at = told.until
-                return
-            del self._told[key]
-            if told.more:
-                self._telling.queue_full(*key, told.more)
-        self.tells_at = inf
+        """Tell of the refusals that were counted until `now`; infinity ends it."""
+        while self._told and self.tells_at <= now:
+            key, told = self._tell_first()
+            if told.more and now < inf:
+                self._count(key, told.until + TOGETHER)
+
+    def _count(self, key: tuple[Destination, str], until: float) -> None:
+        self._told[key] = _Told(until)
+        self.tells_at = min(self.tells_at, until)
+
+    def _tell_first(self) -> tuple[tuple[Destination, str], _Told]:
+        key, told = next(iter(self._told.items()))
+        del self._told[key]
+        self.tells_at = next((each.until for each in self._told.values()), inf)
+        if told.more:
+            self._telling.queue_full(*key, told.more)
+        return key, told

@@ -69,7 +69,7 @@ class Client(Connection):
         self.session = MbapSession(caller, router=listener.router, connection=self, settings=settings, now=self.time())
 
     def time(self) -> float:
-        """For all clients it stands still: what a line tells every ten seconds is no part of a step."""
+        """For all clients it stands still: what a line tells every few seconds is no part of a step."""
         return begin()
 
     def ask(self, pdu: bytes = READ) -> None:

@@ -2,6 +2,8 @@
 
 from gateway.events import Event, QueueFull
 from gateway.lines.refusals import MOST, TOGETHER
+from gateway.observe.backlog import entry_of
+from gateway.observe.limits import Limits
 from kit.asker import Asker
 from kit.line_bench import Bench
 from kit.upstream_bench import UpstreamBench
@@ -45,17 +47,33 @@ def test_an_idle_line_tells_what_it_has_counted_and_is_not_woken_any_more():
     assert bench.line.deadline() == refused_at + TOGETHER
     bench.pass_time(TOGETHER)
     assert [times for *_, times in told(bench.events)] == [None, 1]
+    bench.pass_time(TOGETHER)
     assert bench.line.deadline() is None
+    assert len(told(bench.events)) == 2
 
 
-def test_who_is_refused_again_after_that_is_told_at_once_again():
+def test_who_goes_on_asking_has_one_event_each_time_and_after_a_pause_one_at_once():
     bench, one, _ = full_line()
-    for _ in range(3):
+    for pause in (0.0, TOGETHER, TOGETHER, 2 * TOGETHER):
+        bench.now += pause
+        for _ in range(3):
+            bench.ask(client=one)
+    assert [times for *_, times in told(bench.events)] == [None, 2, 3, 3, None]
+
+
+def test_the_log_of_who_goes_on_asking_goes_over_to_one_line_a_minute():
+    (bench, one, _), limits, lines = full_line(), Limits(), []
+    steady = bench.now + 61
+    for _ in range(200):
+        bench.events.clear()
         bench.ask(client=one)
-    bench.now += TOGETHER
-    for _ in range(2):
-        bench.ask(client=one)
-    assert [times for *_, times in told(bench.events)] == [None, 2, None]
+        for event in bench.events:
+            entry = entry_of(event)
+            entry.at = bench.now
+            lines += [bench.now] if limits.admit(entry) else []
+        lines += [bench.now for _ in limits.counts(bench.now)]
+        bench.now += 1.501  # no clock of a machine wakes a line on the dot
+    assert 0 < len([each for each in lines if each > steady]) <= (bench.now - steady) / 60
 
 
 def test_a_line_that_ends_tells_before():
@@ -86,4 +104,4 @@ def test_another_server_is_like_a_line():
     for _ in range(5):
         bench.ask(client=one)
     bench.upstream.finish(bench.now)
-    assert [times for *_, times in told(bench.events)] == [None, 2, None, 2]
+    assert [times for *_, times in told(bench.events)] == [None, 2, 3]
