@@ -98,7 +98,7 @@ class QueueFull(Event):
     """
 
     level = Level.WARNING
-    says = "the queue of line {line} is full: {client} has most requests in it, and got 06[ {times} times more]"
+    says = "the queue of line {line} is full: {client} has most requests in it, and got 06[, and {times} times more]"
     line: str
     unit: int
     device: str
