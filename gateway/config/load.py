@@ -8,6 +8,7 @@ from typing import Any, Final, TypedDict, Unpack
 
 from gateway.config.check import AddressTrouble, PortTrouble, UnitTrouble, check
 from gateway.config.checks.embedding import Embedding, is_about_units
+from gateway.config.included import Document, with_included
 from gateway.config.machine.file_text import UnreadableFile, find_wrong_text, folder_of, plain_text, read_file_text
 from gateway.config.machine.troubles import port_trouble
 from gateway.config.plan.reach import without_shared_units
@@ -21,7 +22,7 @@ from gateway.config.reading.profile_file import ProfileFile
 from gateway.config.reading.syntax import NESTED, read_document
 from gateway.config.reading.tables import LISTS, TableReader
 from gateway.config.resolve import Planning
-from gateway.config.schema.config import PROFILE, Config
+from gateway.config.schema.config import INCLUDE, PROFILE, Config
 
 #: How many problems are listed.
 _MOST_PROBLEMS: Final = 1000
@@ -32,7 +33,8 @@ class Loaded:
     """A loaded file: its config if it has no error, its problems in the order of the file, and its text.
 
     `profiles` are those of the config that are not shipped; `profile_texts` are the texts of those with a file of their
-    own, by name. The text has the line ends of Unix, and no byte order mark; `positions` are those in it.
+    own, by name. The text is that of the file, with those that it includes (reading.whole_text), with the line ends of
+    Unix, and no byte order mark; `positions` are those in it.
     """
 
     config: Config | None
@@ -74,7 +76,8 @@ def load(path: str | FilePath, embedding: Embedding | None = None, **troubles: U
     except UnreadableFile as wrong:
         remedy = wrong.remedy if FilePath(path).exists() else _NO_CONFIG_YET
         return Loaded(None, (wrong.problem(file, remedy),))
-    return replace(parse(text, file, embedding=embedding, **troubles), text=text)
+    loaded = parse(text, file, follow=True, embedding=embedding, **troubles)
+    return loaded if loaded.text else replace(loaded, text=text)
 
 
 def load_text(text: str, at: FilePath, embedding: Embedding, **troubles: Unpack[Troubles]) -> Loaded:
@@ -122,6 +125,7 @@ def parse(
     text: str,
     file: str = "gateway.toml",
     *,
+    follow: bool = False,
     profile_files: ProfileFiles | None = None,
     at: FilePath | None = None,
     embedding: Embedding | None = None,
@@ -129,16 +133,22 @@ def parse(
 ) -> Loaded:
     """Parse `text`, the content of `file`.
 
-    `at` is the path that says what relative ones mean, if it is another than `file`.
+    With `follow`, the files that it includes are read too. `at` is the path that says what relative ones mean, if it
+    is another than `file`.
     """
     read = read_document(text, file, LISTS)
     if isinstance(read, Problem):
         return Loaded(None, (read,))
-    document, positions = read
-    at = at or FilePath(file)
-    places = _Places(positions, file, document, profile_files or ProfileFiles.of_config(at))
+    whole, at = Document(text, *read), at or FilePath(file)
+    notes: tuple[Problem, ...] = ()
+    if follow and INCLUDE in whole.tables:
+        whole, notes = with_included(whole, file)
+        if errors_in(notes):
+            return Loaded(None, notes, text)
+    places = _Places(whole.positions, file, whole.tables, profile_files or ProfileFiles.of_config(at))
     try:
-        return _parsed(places, at, embedding or Embedding(), troubles)
+        loaded = _parsed(places, at, embedding or Embedding(), troubles)
+        return replace(loaded, problems=(*notes, *loaded.problems), text=whole.text)
     except RecursionError:  # a key of a thousand parts
         return Loaded(None, (NESTED.located(file, 1, 1),))
 

@@ -1,7 +1,7 @@
 """The config of an embedded gateway: a file, a text, or a table that the program has made; with its units."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +12,7 @@ from gateway.config.machine.file_text import folder_of
 from gateway.config.machine.troubles import address_trouble
 from gateway.config.machine.unit_class import find_class, wrong_methods
 from gateway.config.plan.settings import Plan
-from gateway.config.problem import Problem, WrongValue
+from gateway.config.problem import Problem, WrongValue, error
 from gateway.errors import ConfigError
 from gateway.images.custom_unit import CustomUnit
 from gateway.readconfig.process import ConfigRead, ReadConfig
@@ -78,6 +78,9 @@ def read_table(table: Mapping[str, Any], folder: str | Path, units: Units, *, ha
 
 
 def _given(loaded: Loaded, file: Path, *, read: ReadConfig | None = None, fixed: str = "") -> GivenConfig:
+    if fixed and loaded.config is not None and loaded.config.include:
+        wrong = error(("include",), "only a file includes others", "Gateway.from_toml(PATH) reads one")
+        loaded = replace(loaded, config=None, problems=(wrong.located(file.name, 0, 0),))
     found = _config_read(loaded)
     if found.plan is None:
         raise ConfigError("\n".join(found.errors), found.problems)

@@ -20,6 +20,7 @@ from gateway.config.problem import Path as ProblemPath
 from gateway.config.problem import Problem, warning
 from gateway.config.profile_files import ProfileFiles
 from gateway.config.reading.positions import Positions
+from gateway.config.reading.whole_text import parted
 from gateway.config.schema.config import Config
 from gateway.config.schema.line import Line
 from gateway.config.schema.table import Table
@@ -42,13 +43,14 @@ def with_file_troubles(loaded: Loaded, file: str, folder: Path = SERVICE_CONFIG)
     config = loaded.config
     if config is None:
         return loaded
-    trouble = file_trouble(file, folder)
-    found = [] if trouble is None else [trouble]
+    _, included = parted(loaded.text)
+    files = [(file, folder), *((str(Path(file).parent / name), (folder / name).parent) for name in included)]
+    found = [trouble for each in files if (trouble := file_trouble(*each)) is not None]
     found += () if loaded.plan is None else certificate_troubles(loaded.plan, file)
     positions = loaded.positions or Positions(loaded.text)
-    found += [each.located(file, *positions.key(each.path)) for each in _about_libraries(config)]
+    found += [positions.locate(replace(each, on_key=True), file) for each in _about_libraries(config)]
     about_files = (*_about_files(config, folder), *_about_code(config, Path(file)))
-    found += [each.located(file, *positions.value(each.path)) for each in about_files]
+    found += [positions.locate(each, file) for each in about_files]
     found += _about_profiles(config, file, folder)
     return replace(loaded, problems=(*found, *loaded.problems)) if found else loaded
 
@@ -264,7 +266,9 @@ def certificate_troubles(plan: Plan, file: str) -> Iterator[Problem]:
     besides = (one for part in plan.add_ons.values() for one in part.secured)
     for one in (*plan.secured, *besides):
         if not _has_credentials(one) or "CREDENTIALS_DIRECTORY" in os.environ:
-            yield from (each.located(file, _line(one), 1) for each in _look_at(one))
+            place, _, line = one.source.rpartition(":")
+            named = file if place in ("", Path(file).name) else str(Path(file).parent / place)
+            yield from (each.located(named, int(line or 0), 1) for each in _look_at(one))
 
 
 def _look_at(one: Secured) -> Iterator[Problem]:
@@ -289,7 +293,3 @@ def _has_credentials(one: Secured) -> bool:
     own = one.settings
     others = (own.clients_ca, own.crl) if isinstance(own, ServerTls) else (own.ca,)
     return any(file is not None and file.is_credential for file in (own.certificate, own.key, *others))
-
-
-def _line(one: Secured) -> int:
-    return int(one.source.rpartition(":")[2] or 0)

@@ -3,7 +3,7 @@
 import os
 import resource
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from os.path import normpath
 from pathlib import Path
@@ -14,6 +14,7 @@ from gateway.config.plan.differences import differences, need_restart
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem, dotted
 from gateway.config.reading.masking import difference, shown
+from gateway.config.reading.whole_text import parted
 from gateway.readconfig.text_check import TextChanges, TextCheck, TextProblem, unpacked_texts
 
 #: What checking a text may take of memory, in bytes: the service has 512 MiB for all. 10 000 rows need a third of it.
@@ -42,8 +43,11 @@ def check_given_text(file: Path, given: bytes) -> TextCheck:
 
 def look_at(text: str, in_use: str, file: Path) -> TextCheck:
     """Check `text` as the content of `file`, compare it with the text `in_use`, and open nothing that they name."""
+    _, included = parted(text)
+    if not included:  # as the page that adds a line has them
+        in_use, _ = parted(in_use)
     loaded = _parse(text, file)
-    notes = [_NOT_LOOKED_AT, *_about_profiles(loaded), *_about_python(loaded)]
+    notes = [_NOT_LOOKED_AT, *_about_included(loaded, included), *_about_profiles(loaded), *_about_python(loaded)]
     changes = None
     if loaded.plan is not None:
         before = _parse(in_use, file)
@@ -67,6 +71,12 @@ def _parse(text: str, file: Path) -> Loaded:
 def _changes(old: Plan, new: Plan) -> TextChanges:
     found = differences(old, new)
     return TextChanges(found.added, found.removed, found.changed, need_restart(old, new))
+
+
+def _about_included(loaded: Loaded, included: Mapping[str, str]) -> Iterator[str]:
+    names = ", ".join(loaded.planning.config.include) if loaded.planning is not None and not included else ""
+    if names:
+        yield f"include is not followed: {names}"
 
 
 def _about_profiles(loaded: Loaded) -> Iterator[str]:

@@ -13,6 +13,7 @@ from gateway.clock.threads import in_thread
 from gateway.config.plan.differences import differences, need_restart
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
+from gateway.config.reading.whole_text import parted
 from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.readconfig.process import READING_TIME, ReadConfig, read_config
 from gateway.runtime.custom_units import outdated
@@ -70,10 +71,11 @@ class ServiceManager(Protocol):
 class Reloader:
     """Applies `file` to a `running` gateway, one reload at a time.
 
-    `text` is the content of the file when it was last used, at `applied_at` by the loop's clock, and `profile_texts`
-    are the texts of the own profiles that it uses; both are kept in `applied`. `read` reads it, in a thread. What
-    images keep is read in a thread too, and so are certificates, even those of unchanged tables. `settle` is called
-    after each. `fixed` says why the config cannot be read again, if it comes from a program and not from `file`.
+    `text` is the content of the file, with those that it includes (reading.whole_text), when it was last used, at
+    `applied_at` by the loop's clock, and `profile_texts` are the texts of the own profiles that it uses; all are kept
+    in `applied`. `read` reads it, in a thread. What images keep is read in a thread too, and so are certificates, even
+    those of unchanged tables. `settle` is called after each. `fixed` says why the config cannot be read again, if it
+    comes from a program and not from `file`.
     """
 
     def __init__(
@@ -128,7 +130,8 @@ class Reloader:
         if self.applied is not None:
             with suppress(TimeoutError):
                 async with asyncio.timeout(LOADING_TIME):
-                    await in_thread("keep config", self.applied.keep, self.text, self.profile_texts)
+                    own, included = parted(self.text)
+                    await in_thread("keep config", self.applied.keep, own, self.profile_texts, included)
 
     async def close(self) -> None:
         """Cancel the reloads that are in progress or ordered."""

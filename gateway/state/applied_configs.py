@@ -2,6 +2,7 @@
 
     configs/000012-20261128T213005Z/gateway.toml
     configs/000012-20261128T213005Z/profiles/meter.toml
+    configs/000012-20261128T213005Z/include/conf.d%2Fhall-b.toml
 
 Only their owner can read them. A folder gets its name when all is in it, so no power cut leaves half a config. Numbers
 give the order: clocks are set. Links are never followed: the owner of the state folder may have planted them.
@@ -21,6 +22,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock
 from typing import Final
+from urllib.parse import quote, unquote
 
 from gateway.events import Emit
 from gateway.state.file_trouble import FileTrouble
@@ -28,6 +30,8 @@ from gateway.state.file_trouble import FileTrouble
 FOLDER: Final = "configs"
 #: The folder of the own profiles that a config uses, as beside the config itself.
 PROFILES: Final = "profiles"
+#: The folder of the files that a config includes; their names stand for paths.
+INCLUDED: Final = "include"
 #: How many are kept.
 MOST: Final = 10
 
@@ -43,7 +47,8 @@ _FOLDER_ONLY: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXE
 class AppliedConfig:
     """A config that was in use from the time `at` on; `file` is its path, `name` that of its folder.
 
-    `profiles` are the texts of the own profiles that it used, by name.
+    `profiles` are the texts of the own profiles that it used, by name, and `included` those of the files that it
+    included, by their paths from the folder of the config.
     """
 
     name: str
@@ -51,6 +56,11 @@ class AppliedConfig:
     file: Path
     text: str = field(repr=False)
     profiles: Mapping[str, str] = field(default_factory=dict, repr=False)
+    included: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    def included_file(self, path: str) -> Path:
+        """Return where the text of an included file is kept."""
+        return self.file.parent / INCLUDED / quote(path, safe="")
 
 
 class AppliedConfigs:
@@ -63,11 +73,11 @@ class AppliedConfigs:
         self._trouble = FileTrouble(self.folder, emit)
         self._turn = Lock()
 
-    def keep(self, text: str, profiles: Mapping[str, str]) -> None:
+    def keep(self, text: str, profiles: Mapping[str, str], included: Mapping[str, str]) -> None:
         """Keep a config that is in use now, unless it is the last one that was kept."""
         try:
             with self._turn:
-                self._keep(text, profiles)
+                self._keep(text, profiles, included)
         except OSError as error:
             self._trouble.failed(error)
         else:
@@ -88,27 +98,31 @@ class AppliedConfigs:
             return None
         try:
             with _opened(self.folder) as folder, _opened(name, folder) as own:
-                (file,) = (each for each in _listed(own) if each != PROFILES)
-                profiles = dict(_read_profiles(own))
+                (file,) = (each for each in _listed(own) if each not in (PROFILES, INCLUDED))
+                profiles = {each.removesuffix(".toml"): text for each, text in _read_all(own, PROFILES)}
+                included = {unquote(each): text for each, text in _read_all(own, INCLUDED)}
                 at = datetime.strptime(match[2], _TIME).replace(tzinfo=UTC)
-                return AppliedConfig(name, at, self.folder / name / file, _read(own, file), profiles)
+                return AppliedConfig(name, at, self.folder / name / file, _read(own, file), profiles, included)
         except (OSError, ValueError):
             return None
 
-    def _keep(self, text: str, profiles: Mapping[str, str]) -> None:
+    def _keep(self, text: str, profiles: Mapping[str, str], included: Mapping[str, str]) -> None:
         self.folder.parent.mkdir(parents=True, exist_ok=True)
         with _opened(self.folder.parent.resolve()) as state, suppress(FileExistsError):
             _make_folder(state, FOLDER)
         with _opened(self.folder) as folder:
             names = _names(folder)
             last = self.read(names[0]) if names else None
-            if last is not None and (last.text, last.profiles) == (text, profiles):
+            if last is not None and (last.text, last.profiles, last.included) == (text, profiles, included):
                 return
             with suppress(FileNotFoundError):
                 _remove(folder, _UNFINISHED)
             _make_folder(folder, _UNFINISHED)
             with _opened(_UNFINISHED, folder) as new:
-                self._write_all(new, text, profiles)
+                _write(new, self._file_name, text)
+                _write_all(new, PROFILES, {f"{name}.toml": each for name, each in profiles.items()})
+                _write_all(new, INCLUDED, {quote(path, safe=""): each for path, each in included.items()})
+                os.fsync(new)
             number = int(_NAME.fullmatch(names[0])[1]) + 1 if names else 1  # type: ignore[index]
             at = datetime.fromtimestamp(self._clock(), UTC).strftime(_TIME)
             os.rename(_UNFINISHED, f"{number:06}-{at}", src_dir_fd=folder, dst_dir_fd=folder)
@@ -116,15 +130,15 @@ class AppliedConfigs:
             for name in names[MOST - 1 :]:
                 _remove(folder, name)
 
-    def _write_all(self, folder: int, text: str, profiles: Mapping[str, str]) -> None:
-        _write(folder, self._file_name, text)
-        if profiles:
-            _make_folder(folder, PROFILES)
-            with _opened(PROFILES, folder) as inner:
-                for name, each in profiles.items():
-                    _write(inner, f"{name}.toml", each)
-                os.fsync(inner)
-        os.fsync(folder)
+
+def _write_all(within: int, name: str, texts: Mapping[str, str]) -> None:
+    """Make a folder of files with these texts, if there are any."""
+    if texts:
+        _make_folder(within, name)
+        with _opened(name, within) as inner:
+            for file, each in texts.items():
+                _write(inner, file, each)
+            os.fsync(inner)
 
 
 def _names(folder: int) -> list[str]:
@@ -135,10 +149,10 @@ def _listed(folder: int) -> list[str]:
     return os.listdir(folder)
 
 
-def _read_profiles(folder: int) -> Iterator[tuple[str, str]]:
-    with suppress(FileNotFoundError), _opened(PROFILES, folder) as inner:
+def _read_all(within: int, name: str) -> Iterator[tuple[str, str]]:
+    with suppress(FileNotFoundError), _opened(name, within) as inner:
         for file in sorted(_listed(inner)):
-            yield file.removesuffix(".toml"), _read(inner, file)
+            yield file, _read(inner, file)
 
 
 @contextmanager

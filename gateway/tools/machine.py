@@ -15,8 +15,10 @@ from datetime import UTC, datetime
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Final
+from urllib.parse import quote
 
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
+from gateway.config.machine.included import files_of
 from gateway.config.machine.profile_folders import file_of, folders_of, names_in
 from gateway.config.problem import Problem
 from gateway.config.reading.masking import masked
@@ -43,6 +45,9 @@ def documents_of_machine(config: Path, state: Path, check: Callable[[], str]) ->
     yield _made("machine.txt", lambda: _machine(state))
     yield _made("ports.json", _ports)
     yield _made("config/gateway.toml", lambda: _masked(config))
+    for file in files_of(config)[1:]:
+        name = quote(os.path.relpath(file, config.parent), safe="")
+        yield _made(f"config/include/{name}", lambda file=file: _masked(file))  # type: ignore[misc]
     for name, file in _own_profiles(config):
         yield _made(f"config/profiles/{name}.toml", lambda file=file: _masked(file))  # type: ignore[misc]
     yield _made("check.txt", check)

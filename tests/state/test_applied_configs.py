@@ -18,9 +18,9 @@ class Kept:
         self.state = state
         self.applied = AppliedConfigs(state, "gateway.toml", self.events.append, lambda: self.now)
 
-    def keep(self, text, profiles=None):
+    def keep(self, text, profiles=None, included=None):
         self.now += 60
-        self.applied.keep(text, profiles or {})
+        self.applied.keep(text, profiles or {}, included or {})
 
     def texts(self):
         return [self.applied.read(name).text for name in self.applied.names()]

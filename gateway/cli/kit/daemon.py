@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple, Self, TypeVar
 
 from gateway.cli.main import DEFAULT_CONFIG
 from gateway.config.machine.file_text import UnreadableFile, folder_of, read_file_text
+from gateway.config.machine.included import written_in
 from gateway.control.messages import line_of, question_of, result_in
 from gateway.control.path import SYSTEM_SOCKET, control_path
 from gateway.errors import DaemonError
@@ -75,18 +76,17 @@ def usual_socket(environment: Mapping[str, str] = os.environ) -> Path:
 def _gateway_of(file: Path, environment: Mapping[str, str]) -> Meant:
     """Find the gateway with this config. Without a socket in it, another one may be at the usual place."""
     try:
-        text = read_file_text(file)
-        config = _tables(text)
+        _check_tables(read_file_text(file))
     except (UnreadableFile, ValueError, RecursionError) as wrong:
         raise DaemonError(f"{file}: {wrong}; --control PATH says where the gateway's socket is") from None
-    match config:
-        case {"control": {"socket": str(path)}}:
-            return Meant(folder_of(file) / path)
+    path, there = written_in(file, "control", "socket")
+    if path:
+        return Meant(folder_of(there) / path)
     return Meant(control_path(file, environment), file)
 
 
-def _tables(text: str) -> Mapping[str, Any]:
-    """Parse a config. One that is no TOML and names no socket has no tables: its gateway can say what is wrong.
+def _check_tables(text: str) -> None:
+    """Check that a config is TOML. Of one that names no socket it does not matter: its gateway can say what is wrong.
 
     Raises:
         ValueError, RecursionError: it is no TOML.
@@ -94,11 +94,10 @@ def _tables(text: str) -> Mapping[str, Any]:
     import tomllib  # noqa: PLC0415 - only for --config
 
     try:
-        return tomllib.loads(text)
+        tomllib.loads(text)
     except (ValueError, RecursionError):
         if "control" in text:
             raise
-        return {}
 
 
 def tell_which(gateway: Path) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from gateway.config.machine.file_text import written_in
+from gateway.config.machine.included import written_in
 from gateway.hardware.listing import list_serial_ports
 from gateway.readconfig.libraries import missing_library, not_installed
 
@@ -35,7 +35,7 @@ def first_steps(service_config: Path) -> str:
 
 
 def _with_service(config: Path, port: str) -> Iterator[str]:
-    page = written_in(config, "web", "bind")
+    page, _ = written_in(config, "web", "bind")
     if page:
         yield f"Open the page: {page}{_from_elsewhere(page)}"
     else:

@@ -15,6 +15,7 @@ from gateway.cli.main import DEFAULT_CONFIG, FINE
 from gateway.cli.show.check import check_as_text
 from gateway.config.load import load
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
+from gateway.config.machine.included import files_of
 from gateway.config.machine.troubles import address_trouble
 from gateway.config.reading.masking import secrets_in
 from gateway.control.path import folder_of_control
@@ -96,10 +97,11 @@ def _check(config: Path) -> str:
 
 
 def _secrets(config: Path) -> set[str]:
-    try:
-        return secrets_in(read_file_text(config))
-    except UnreadableFile:
-        return set()
+    found = set[str]()
+    for file in files_of(config):
+        with suppress(UnreadableFile):
+            found |= secrets_in(read_file_text(file))
+    return found
 
 
 def _write(file: Path, content: bytes, *, force: bool) -> None:

@@ -11,7 +11,8 @@ from typing import Any, Final
 from gateway.cli.kit.columns import align
 from gateway.cli.kit.usage import WrongUsageError
 from gateway.cli.main import DEFAULT_CONFIG, FINE
-from gateway.config.machine.file_text import folder_of, written_in
+from gateway.config.machine.file_text import folder_of
+from gateway.config.machine.included import written_in
 from gateway.config.problem import did_you_mean
 from gateway.errors import UsersError
 from gateway.readconfig.page_users import (
@@ -152,6 +153,5 @@ def _new_password(name: str) -> str:
 
 def _file_of_config() -> str:
     """Find the file that the service's config names; empty if it names none."""
-    file = Path(DEFAULT_CONFIG)
-    users = written_in(file, "web", "users")
+    users, file = written_in(Path(DEFAULT_CONFIG), "web", "users")
     return str(folder_of(file) / users) if users else ""

@@ -336,6 +336,6 @@ def _find_repeated(key: str, uses: Iterable[tuple[Hashable, Table]], what: str =
     for value, table in uses:
         first = taken.setdefault(value, table)
         if first is not table:
-            place = f"{first.place}, {dotted(first.path)}" if isinstance(first, Device) else first.place
+            place = f"{first.place}, {dotted(first.path[2:])}" if isinstance(first, Device) else first.place
             remedy = 'give it another one: name = "..."' if getattr(table, key, "") is None else ""
             yield error((*table.path, key), f"{what.format(value)} is already used in {place}", remedy)

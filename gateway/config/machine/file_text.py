@@ -52,17 +52,6 @@ def plain_text(text: str) -> str:
     return text.removeprefix("\ufeff").replace("\r\n", "\n")
 
 
-def written_in(file: Path, section: str, key: str) -> str:
-    """Look up a text in a config, whatever else is in it; empty if it is not there, or the file cannot be read."""
-    import tomllib  # noqa: PLC0415 - a gateway that runs reads no TOML
-
-    try:
-        value = tomllib.loads(read_file_text(file))[section][key]
-    except (UnreadableFile, ValueError, RecursionError, LookupError, TypeError):
-        return ""
-    return value if isinstance(value, str) else ""
-
-
 def find_wrong_text(text: str) -> str:
     """Say why a text cannot be a config file; empty if it can."""
     try:

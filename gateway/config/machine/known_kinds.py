@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gateway.config.machine.file_text import UnreadableFile, read_file_text
+from gateway.config.machine.included import files_of
 from gateway.config.machine.profile_folders import OWN_PROFILES, folders_of, names_in
 from gateway.config.problem import WrongValue
 from gateway.config.values.point_keys import parse_point_addresses
@@ -61,7 +62,8 @@ def _holding(identity: Identity, table: dict[str, Any]) -> list[int]:
 def _texts(config: Path | None) -> Iterator[str]:
     """Yield the texts of all files, the nearest first."""
     folders = (OWN_PROFILES,) if config is None else folders_of(config)
-    for file in ([config] if config is not None else []) + [file for folder in folders for file in _files(folder)]:
+    own = [] if config is None else files_of(config)
+    for file in own + [file for folder in folders for file in _files(folder)]:
         with suppress(UnreadableFile):
             yield read_file_text(file)
     for name in shipped_names():

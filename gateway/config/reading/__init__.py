@@ -6,5 +6,6 @@
 - given_table    a config that a program has made as a table, without text
 - syntax, wording    what is wrong with text that is no TOML, and with values, in words
 - masking, excerpt    a file without its secrets, compared with another line by line, and single lines of it
+- whole_text   the text of a config and of the files that it includes
 - toml_text    TOML, written
 """

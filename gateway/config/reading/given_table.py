@@ -31,6 +31,9 @@ class Unplaced:
             return ""
         return value.isoformat() if isinstance(value, date | time) else value_text(value)
 
+    def part(self, _path: Path) -> None:
+        """Find no file."""
+
     def locate(self, problem: Problem, file: str, name: str = "") -> Problem:
         """Give a problem the name of its table, and of `file`, which stands for the program's table."""
         return problem.located(file, 0, 0, name)

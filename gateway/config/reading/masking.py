@@ -11,6 +11,7 @@ from typing import Final
 from gateway.config.problem import Path
 from gateway.config.reading.positions import Positions, Scalar
 from gateway.config.reading.toml_text import value_text
+from gateway.config.reading.whole_text import MARK
 
 MASK: Final = "•••"
 
@@ -25,7 +26,7 @@ _PLACES: Final = frozenset({"file", "credential"})
 
 #: Between values a quotation mark begins a key, which may have a number sign in it.
 _KEY: Final = r""""(?:[^"\\\n]|\\.)*+"|'[^'\n]*+'"""
-_KEY_OR_COMMENT: Final = re.compile(rf"({_KEY})|(?<=\n)[ \t]*+#[^\n]*\n|(?<![ \t])[ \t]*+#[^\n]*")
+_KEY_OR_COMMENT: Final = re.compile(rf"({_KEY}|(?<=\n){MARK}[^\n]*\n)|(?<=\n)[ \t]*+#[^\n]*\n|(?<![ \t])[ \t]*+#[^\n]*")
 
 #: A key and its value, in a text that may be no TOML.
 _LIKE_A_SECRET: Final = re.compile(r"""([\w-]+)["']?\s*[=:]\s*["']?([^"'\s,}\]#]+)""")
@@ -37,6 +38,8 @@ _DIGITS: Final = 12
 
 def masked(text: str) -> str:
     """Remove comments from a config file, and put a mask in place of passwords, tokens and private keys.
+
+    The names of files that it includes stay.
 
     Raises:
         ValueError: it is no TOML, so where its secrets are is not known.

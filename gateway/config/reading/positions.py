@@ -2,8 +2,11 @@
 
 import re
 import tomllib
-from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from pathlib import Path as FilePath
 
 from gateway.config.problem import Path, Problem
 from gateway.config.reading.source import Source
@@ -30,6 +33,26 @@ _BLANKS = frozenset(" \t\r\n#")
 Scalar = tuple[Path, int, int]
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A file that is a part of a text, behind so many lines, and rows of each list of tables.
+
+    It is `file` in problems and `name` in the places of tables, and paths in it count from `folder`.
+    """
+
+    file: str
+    name: str
+    folder: FilePath
+    before: int
+    rows: Mapping[str, int]
+
+    def moved(self, problem: Problem) -> Problem:
+        """Make a problem in the whole text one of this file."""
+        section, index, *others = (*problem.path, "", "")[: max(2, len(problem.path))]
+        path = (section, index - self.rows.get(str(section), 0), *others) if isinstance(index, int) else problem.path
+        return replace(problem, file=self.file, line=problem.line - self.before, path=path)
+
+
 class Positions:
     """Line and column, from 1, of every key and value of `text`."""
 
@@ -40,6 +63,8 @@ class Positions:
         self._keys, self._values = scanner.keys, scanner.values
         #: All values that are neither lists nor tables, in their order.
         self.scalars: Sequence[Scalar] = scanner.scalars
+        #: The files of which the text is made, if they are several: the first is the config.
+        self.parts: Sequence[Part] = ()
         self._line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
 
     def key(self, path: Path) -> tuple[int, int]:
@@ -50,6 +75,19 @@ class Positions:
         """Find where the value at `path` begins, or the nearest table around it. A table begins at its header."""
         return self._place(self._values, path)
 
+    def is_headed(self, key: str) -> bool:
+        """Tell whether a table at the top is written below a heading, its own or that of a table in it."""
+        at = self._keys.get((key,))
+        return at is None or self._text[at] == "["
+
+    def part(self, path: Path) -> Part | None:
+        """Find the included file in which the value at `path` is; None if it is in the config itself."""
+        return self._part(self.value(path)[0]) if self.parts else None
+
+    def _part(self, line: int) -> Part | None:
+        index = bisect_left(self.parts, line, key=attrgetter("before")) - 1
+        return self.parts[index] if index > 0 else None
+
     def written(self, path: Path) -> str:
         """Give the number, date or word at `path` as it is written, for values that should have been text."""
         match = _SCALAR.match(self._text, self._values[path])
@@ -58,12 +96,15 @@ class Positions:
     def place(self, path: Path, file: str, keys: Iterable[str]) -> str:
         """Give the place of the table at `path` in `file`, which has this text, with those of these keys in it."""
         line, _ = self.value(path)
-        return Source.of(file, line, {key: self.key((*path, key))[0] for key in keys})
+        part = self._part(line)
+        before, name = (0, file) if part is None else (part.before, part.name)
+        return Source.of(name, line - before, {key: self.key((*path, key))[0] - before for key in keys})
 
     def locate(self, problem: Problem, file: str, name: str = "") -> Problem:
         """Give a problem its place in `file`, which has this text; `name` is that of the table it is in."""
         place = self.key(problem.path) if problem.on_key else self.value(problem.path)
-        return problem.located(file, *place, name)
+        part, located = self._part(place[0]), problem.located(file, *place, name)
+        return located if part is None else part.moved(located)
 
     def _place(self, offsets: dict[Path, int], path: Path) -> tuple[int, int]:
         while path not in offsets:

@@ -8,15 +8,16 @@ from typing import Any, Final, TypeVar, get_origin
 
 from pydantic import ValidationError
 
-from gateway.config.problem import Path, Problem, error
+from gateway.config.problem import Path, Problem, WrongValue, error
 from gateway.config.reading.given_table import Unplaced
 from gateway.config.reading.positions import Positions
 from gateway.config.reading.wording import not_text, unknown_key, value_problems
-from gateway.config.schema.config import PROFILE, Config
+from gateway.config.schema.config import INCLUDE, PROFILE, Config
 from gateway.config.schema.listen import Listen
 from gateway.config.schema.profile import ProfileTable
 from gateway.config.schema.table import Table, keys_of, row_model
 from gateway.config.schema.upstream import Upstream
+from gateway.config.values.files import parse_include
 from gateway.config.values.site import Site
 
 
@@ -77,7 +78,8 @@ class TableReader:
         lists = {section: tuple(self._rows(section, LISTS[section])) for section in LISTS if section in self._document}
         singles = {section: self._single(section, model) for section, model in _SINGLES.items()}
         present = {section: table for section, table in singles.items() if table is not None}
-        return with_sites(Config.model_validate({"site": self._site(), PROFILE: self.profiles(), **lists, **present}))
+        own = {"site": self._site(), INCLUDE: self._include(), PROFILE: self.profiles()}
+        return with_sites(Config.model_validate({**own, **lists, **present}))
 
     def _find_unknown_sections(self) -> None:
         known = keys_of(Config)
@@ -92,6 +94,15 @@ class TableReader:
         self.failed.add("site")
         self.problems.append(not_text(("site",), site, self._positions.written))
         return ""
+
+    def _include(self) -> list[str]:
+        include = self._document.get(INCLUDE, [])
+        try:
+            parse_include(include)
+        except WrongValue as wrong:
+            self._complain((INCLUDE,), str(wrong), wrong.remedy)
+            return []
+        return list(include)
 
     def _rows(self, section: str, model: type[Table]) -> Iterator[Table]:
         rows = self._document.get(section, [])
@@ -122,15 +133,17 @@ class TableReader:
         return {name: table for name, table in tables.items() if table is not None}
 
     def _table(self, path: Path, raw: object, model: type[_Table]) -> _Table | None:
+        part = self._positions.part(path)
+        folder = self._folder if part is None else part.folder
         try:
-            table = model.model_validate(raw, context=self._folder)
+            table = model.model_validate(raw, context=folder)
         except ValidationError as wrong:
             self.failed.add(str(path[0]))
             self.problems += value_problems(wrong, model, path, self._positions.written)
             rest = _without(wrong, raw)
             if rest is None:
                 return None
-            table = model.model_validate(rest, context=self._folder)
+            table = model.model_validate(rest, context=folder)
         self._place(table, path)
         return table
 

@@ -80,8 +80,8 @@ def unknown_key(path: Path, known: list[str]) -> Problem:
         remedy = "a point has an area: holding = 10 (or input, coils, discrete), counted from 0"
     elif meant == "format":
         remedy = 'it is part of format, such as format = "8E1": data bits, parity, stop bits'
-    elif written == "site" and "sites" not in known:
-        remedy = "site stands at the top of the file, before the first [table]"
+    elif written == "include" or (written == "site" and "sites" not in known):
+        remedy = f"{written} stands at the top of the file, before the first [table]"
     else:
         remedy = _where_it_is(path) or did_you_mean(written, known) if meant is None else f'did you mean "{meant}"?'
     return Problem("error", path, "unknown key", remedy, on_key=True)

@@ -14,10 +14,12 @@ from gateway.config.schema.profile import ProfileTable
 from gateway.config.schema.table import Table
 from gateway.config.schema.upstream import Upstream
 from gateway.config.values.duration import DEFAULT_RING
-from gateway.config.values.key_types import ListOf, OwnUnit, Size, SocketPath
+from gateway.config.values.key_types import Include, ListOf, OwnUnit, Size, SocketPath
 
 #: The section of profiles.
 PROFILE: Final = "profile"
+#: The key that names further files.
+INCLUDE: Final = "include"
 
 
 class Own(Table):
@@ -65,6 +67,11 @@ class Config(Table):
         "",
         description="The name of the plant: in the titles of web pages, in the topics of `[mqtt]`, and its name in "
         "`[fleet]`.",
+    )
+    include: Include = Field(
+        (),
+        description="Files that are read behind this one, in the order of the list, then of their names; see "
+        "[A config in several files](service.md#a-config-in-several-files).",
     )
     listen: Annotated[tuple[Listen, ...], ListOf] = ()
     line: Annotated[tuple[Line, ...], ListOf] = ()

@@ -23,6 +23,13 @@ def check_path(value: str) -> str:
     return value
 
 
+def parse_include(value: object) -> tuple[str, ...]:
+    """Parse the list of files that a config includes."""
+    if not isinstance(value, list) or not all(isinstance(each, str) and each.strip("/") for each in value):
+        raise WrongValue("must be a list of files", 'write ["conf.d/*.toml"]')
+    return tuple(check_path(each) for each in value)
+
+
 def in_folder(path: str, info: ValidationInfo) -> str:
     """Take a path from the folder of the config."""
     return str((info.context or Path()) / path)

@@ -29,7 +29,14 @@ from gateway.config.values.duration import (
     show_duration,
     show_size,
 )
-from gateway.config.values.files import check_path, in_folder, parse_file, parse_token_file, secret_in_folder
+from gateway.config.values.files import (
+    check_path,
+    in_folder,
+    parse_file,
+    parse_include,
+    parse_token_file,
+    secret_in_folder,
+)
 from gateway.config.values.fleet import parse_servers
 from gateway.config.values.kind import NUMBER, TRUTH, WORD, Kind, Schema, any_of, list_of, map_to, one_of, text
 from gateway.config.values.names import parse_name, parse_python_class, parse_role
@@ -126,6 +133,7 @@ LinePort = Annotated[
 SocketPath = Annotated[
     str, Field(min_length=1), AfterValidator(check_path), AfterValidator(in_folder), Kind("path", WORD)
 ]
+Include = Annotated[tuple[str, ...], Kind('list such as `["conf.d/*.toml"]`', list_of(WORD), parse_include)]
 Unit0 = Annotated[
     Literal["refuse", "broadcast"] | int,
     Kind(

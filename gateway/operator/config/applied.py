@@ -1,11 +1,12 @@
 """The last configs that were in use, and how they differ: to find the last good one, and take it back."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
 from gateway.config.reading.masking import difference, shown
-from gateway.operator.config.commands import commands_to_apply
+from gateway.config.reading.whole_text import joined, parted
+from gateway.operator.config.commands import commands_to_apply, commands_to_include
 from gateway.operator.config.view import MOST_TEXT
 from gateway.runtime.reload import Reloader
 from gateway.state.applied_configs import AppliedConfig
@@ -76,24 +77,36 @@ class AppliedViewer:
             return None
         older = next((each for each in kept.names() if each < name), None)
         before = None if older is None else kept.read(older)
-        text, in_use = shown(one.text), shown(reloader.text)
+        in_use, included = parted(reloader.text)
+        text = _shown(one.text, one.included)
+        changed = {path: one.included_file(path) for path, each in one.included.items() if included.get(path) != each}
         return AppliedView(
             at=one.at,
             file=str(one.file),
             text=text[:MOST_TEXT],
-            to_the_one_before=() if before is None else difference(shown(before.text), text, "before", "this one"),
-            to_the_one_in_use=difference(text, in_use, "this one", "in use"),
+            to_the_one_before=()
+            if before is None
+            else difference(_shown(before.text, before.included), text, "before", "this one"),
+            to_the_one_in_use=difference(text, _shown(in_use, included), "this one", "in use"),
             is_first=before is None,
             is_in_use=self._is_in_use(one),
             profiles=tuple(one.profiles),
-            commands=tuple(commands_to_apply(reloader, one.file)),
+            commands=(
+                *commands_to_include(reloader, changed, included.keys() - one.included.keys()),
+                *commands_to_apply(reloader, one.file),
+            ),
         )
 
     def _is_in_use(self, one: AppliedConfig) -> bool:
-        return (one.text, one.profiles) == (self._reloader.text, self._reloader.profile_texts)
+        in_use = (*parted(self._reloader.text), self._reloader.profile_texts)
+        return (one.text, one.included, one.profiles) == in_use
+
+
+def _shown(own: str, included: Mapping[str, str]) -> str:
+    return shown(joined(own, dict(sorted(included.items()))))
 
 
 def _count(before: AppliedConfig, one: AppliedConfig) -> tuple[int, int]:
     """Count the lines that one has more, and fewer, than the one before it."""
-    lines = difference(shown(before.text), shown(one.text), "", "")[2:]
+    lines = difference(_shown(before.text, before.included), _shown(one.text, one.included), "", "")[2:]
     return sum(line.startswith("+") for line in lines), sum(line.startswith("-") for line in lines)

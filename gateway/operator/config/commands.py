@@ -4,7 +4,7 @@ import grp
 import os
 import pwd
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from shlex import quote
@@ -30,6 +30,20 @@ def commands_to_apply(reloader: Reloader, new: Path | None = None) -> Sequence[s
         f"{order}install {_rights(file, has_root=reloader.is_service)} {source} {beside}",
         f"{order}modbus-gateway check {beside} && {order}mv {beside} {quote(file)} && {order}modbus-gateway reload",
     )
+
+
+def commands_to_include(reloader: Reloader, new: Mapping[str, Path], without: Iterable[str]) -> Iterator[str]:
+    """Write commands that put files in the place of those that the config includes, and move others out of the way.
+
+    They are called as from the folder of the config.
+    """
+    order = "sudo " if reloader.is_service else ""
+    for name, source in new.items():
+        file = os.path.realpath(reloader.file.parent / name)
+        yield f"{order}install -D {_rights(file, has_root=reloader.is_service)} {quote(str(source))} {quote(file)}"
+    for name in sorted(without):
+        file = str(reloader.file.parent.absolute() / name)
+        yield f"{order}mv {quote(file)} {quote(f'{file}.before')}"
 
 
 def _rights(file: str, *, has_root: bool) -> str:

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,6 +12,7 @@ from gateway.clock.threads import ThreadPerCall
 from gateway.config.plan.settings import Plan
 from gateway.config.problem import Problem
 from gateway.config.reading.masking import difference, shown
+from gateway.config.reading.whole_text import parted
 from gateway.errors import ConfigError
 from gateway.readconfig.process import READING_TIME, ConfigRead
 from gateway.runtime.reload import Outcome, Reloader, changed
@@ -77,7 +78,7 @@ class ConfigViewer:
         now = loop.time()
         try:
             async with asyncio.timeout(READING_TIME):
-                sign = await loop.run_in_executor(ThreadPerCall("web config"), _sign, self._reloader.file)
+                sign = await loop.run_in_executor(ThreadPerCall("web config"), self._sign)
                 if self._seen is not None and sign and self._seen.sign == sign and now < self._seen.until:
                     return self._seen
                 read = partial(self._reloader.read, self._reloader.file, look_around=True)
@@ -87,6 +88,12 @@ class ConfigViewer:
         except ConfigError as error:
             why = str(error)
         return _Seen(sign, loop.time() + UNREAD_KEPT, ConfigRead(None, (Problem("error", (), why),)))
+
+    def _sign(self) -> tuple[int, ...]:
+        """Make a sign of the file, and of those that it had included when it was last read."""
+        file = self._reloader.file
+        _, included = parted(self._seen.loaded.text if self._seen is not None else "")
+        return tuple(part for each in (file, *(file.parent / name for name in included)) for part in _sign(each))
 
     def _view(self, seen: _Seen, now: float) -> ConfigView:
         reloader = self._reloader
@@ -108,9 +115,9 @@ class ConfigViewer:
         return changed(self._running.gateway.plan, plan, self._reloader.at_start)
 
 
-def _sign(file: Path) -> tuple[int, ...]:
+def _sign(file: Path) -> Iterator[int]:
     try:
         status = file.stat()
     except OSError:
-        return ()
-    return status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode, status.st_uid
+        return
+    yield from (status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode, status.st_uid)

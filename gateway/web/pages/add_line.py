@@ -173,12 +173,14 @@ class AddLinePage(Page):
         if not devices:
             raise ProblemError(422, "no unit is chosen")
         line, file = form.get("line", ""), reloader.file.absolute()
+        place = next((each.plan.line.source for each in self._operator.gateway.lines if each.name == line), "")
         if line:
             find_line(self._operator.gateway, line)
             new = with_devices(reloader.text, line, devices)
             if new is None:
                 raise ProblemError(409, f"{file} does not have the line {line} any longer as it is in use")
-            commands = commands_to_edit(file, is_service=reloader.is_service)
+            edited = file.parent / (place.rpartition(":")[0] or file.name)
+            commands = commands_to_edit(edited, is_service=reloader.is_service)
         else:
             timing, name = _timing(form), form.get("name", "").strip()
             port, only_listens = form.get("port", ""), form.get("role") == "monitor"
@@ -188,7 +190,6 @@ class AddLinePage(Page):
         is_there = asker_of(request).is_there
         checked = await self._operator.kept(TextChecks).check(self._operator, new.whole, is_there)
         kinds = sorted({each.profile for each in devices})
-        place = next((each.plan.line.source for each in self._operator.gateway.lines if each.name == line), "")
         return await self._renderer.page(
             "line_text.html",
             request,

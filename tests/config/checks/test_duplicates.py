@@ -37,7 +37,7 @@ def test_two_listeners_on_free_ports_that_have_no_names():
 def test_two_devices_with_one_name():
     text = LINE.replace("}]", '},\n  { unit = 2, name = "one" }]')
     assert problems(text) == [
-        'error: line[0].devices[1].name: "one" is already used in gateway.toml:4, line[0].devices[0]'
+        'error: line[0].devices[1].name: "one" is already used in gateway.toml:4, devices[0]'
     ]
 
 
@@ -45,7 +45,7 @@ def test_a_device_that_is_called_as_one_without_a_name():
     """A mirror of a/2 would ask the wrong unit."""
     text = LINE.replace("}]", '},\n  { unit = 2 }, { unit = 3, name = "a/2" }]')
     assert problems(text) == [
-        'error: line[0].devices[2].name: "a/2" is already used in gateway.toml:5, line[0].devices[1]'
+        'error: line[0].devices[2].name: "a/2" is already used in gateway.toml:5, devices[1]'
     ]
 
 
@@ -54,7 +54,7 @@ def test_a_device_that_is_called_as_a_unit_behind_another_server():
         '[[upstream]]\nname = "u"\nto = "tcp://10.0.0.1"\nunits = [{ as = 7, unit = 1 }]\n'
     )
     assert problems(text) == [
-        'error: line[0].devices[0].name: "u/7" is already used in gateway.toml:8, upstream[0].units[0]'
+        'error: line[0].devices[0].name: "u/7" is already used in gateway.toml:8, units[0]'
     ]
 
 
@@ -72,7 +72,7 @@ def test_two_images_with_one_name():
 def test_an_image_with_the_name_of_a_device():
     """A broker would get the values of the one as those of the other, and write to it."""
     text = LINE + '[[image]]\nunit = 200\nname = "one"\nholding = 4\n'
-    said = 'error: image[0].name: "one" is already used in gateway.toml:4, line[0].devices[0]'
+    said = 'error: image[0].name: "one" is already used in gateway.toml:4, devices[0]'
     assert problems(text) == [said]
     assert problems(text.replace("holding = 4", 'of = "one"\nread = [{ holding = "0-9", every = "1 s" }]')) == [said]
 

@@ -1,0 +1,27 @@
+"""The text of a config with those of the files that it includes, as it is shown, compared and kept."""
+
+import re
+from collections.abc import Mapping
+from typing import Final
+
+#: What begins the line above the text of an included file.
+MARK: Final = "#:include "
+_MARKED: Final = re.compile(rf"^{MARK}(.*)\n", re.MULTILINE)
+
+
+def joined(own: str, included: Mapping[str, str]) -> str:
+    """Join the text of a config and those of the files that it includes, by their names."""
+    if not included:
+        return own
+    return "".join([ended(own), *(f"{MARK}{name}\n{ended(text)}" for name, text in included.items())])
+
+
+def parted(whole: str) -> tuple[str, dict[str, str]]:
+    """Take the text of a config and those of the files that it includes apart."""
+    own, *others = _MARKED.split(whole)
+    return own, dict(zip(others[::2], others[1::2], strict=True))
+
+
+def ended(text: str) -> str:
+    """End the last line of a text."""
+    return text if text.endswith("\n") or not text else f"{text}\n"
