@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 
 from gateway.config.documents.json_schema import default_text
-from gateway.config.schema.config import Config
+from gateway.config.schema.config import INCLUDE, Config
 from gateway.config.schema.table import Table, keys_of, row_model
 from gateway.config.values.kind import Kind
 
@@ -163,8 +163,8 @@ def document() -> str:
 
 def _sections() -> Iterator[str]:
     told: dict[type[Table], str] = {}
-    site = Config.model_fields["site"]
-    yield f"## Every key\n\nAt the top of the file: `site`, text. {site.description}\n"
+    site, include = (Config.model_fields[key].description for key in ("site", INCLUDE))
+    yield f"## Every key\n\nAt the top of the file:\n\n- `site`, text. {site}\n- `include`, a list of text. {include}\n"
     for key, field in zip(keys_of(Config), Config.model_fields.values(), strict=True):
         model = row_model(field.annotation)
         if model is not None:

@@ -70,7 +70,7 @@ class Config(Table):
     )
     include: Include = Field(
         (),
-        description="Files that are read behind this one, in the order of the list, then of their names; see "
+        description="Files that are read behind this one, in the order of the list, then of their names. More: "
         "[A config in several files](service.md#a-config-in-several-files).",
     )
     listen: Annotated[tuple[Listen, ...], ListOf] = ()
