@@ -299,3 +299,12 @@ async def test_reading_may_be_done_in_a_thread(tmp_path):
     file.write_text(LINE)
     many = await asyncio.gather(*(asyncio.to_thread(read_file, file, {}, has_state=True) for _ in range(4)))
     assert len({one.plan.lines[0].name for one in many}) == 1
+
+
+def test_only_a_file_includes_others(tmp_path):
+    (tmp_path / "b.toml").write_text(LINE)
+    (tmp_path / "gateway.toml").write_text('include = ["b.toml"]\n[[image]]\nunit = 200\nholding = 1\n')
+    assert [line.line.name for line in read_file(tmp_path / "gateway.toml", {}, has_state=True).plan.lines] == ["hall"]
+    said = "error: include: only a file includes others\n  help: Gateway.from_toml(PATH) reads one"
+    assert str(refused(from_text, f'include = ["b.toml"]\n{LINE}')) == f"<text>: {said}"
+    assert str(refused(from_dict, {"include": ["b.toml"], **tomllib.loads(LINE)})) == f"<dict>: {said}"

@@ -14,6 +14,10 @@ IMAGE = "[[image]]\nunit = 200\nholding = 10\n"
 def troubles(tmp_path: Path, text: str) -> list[str]:
     file = tmp_path / "gateway.toml"
     file.write_text(IMAGE + text)
+    return troubles_of(file)
+
+
+def troubles_of(file: Path) -> list[str]:
     plan = load(file).plan
     assert plan is not None
     return [str(each) for each in certificate_troubles(plan, str(file))]
@@ -43,3 +47,14 @@ def test_what_expires_soon_is_said(tmp_path: Path) -> None:
 def test_credentials_are_known_to_the_service_only(tmp_path: Path) -> None:
     text = listener().replace(f'"{pki.pki()}/server.key"', '{ credential = "server.key" }')
     assert troubles(tmp_path, text) == []
+
+
+def test_the_file_with_the_table_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "tls"
+    shutil.copytree(pki.pki(), folder)
+    (folder / "server.crt").unlink()
+    text = listener().replace(str(pki.pki()), "tls")
+    (tmp_path / "b.toml").write_text(text)
+    (tmp_path / "gateway.toml").write_text(f'include = ["b.toml"]\n{IMAGE}')
+    (said,) = troubles_of(tmp_path / "gateway.toml")
+    assert said.startswith(f"{tmp_path}/b.toml:1:1: warning: listen remote cannot be used: {folder}/server.crt: ")

@@ -409,3 +409,16 @@ def test_the_folder_of_a_virtual_port(about_virtual_port, tmp_path):
     group = grp.getgrgid(os.getegid()).gr_name
     found = about_virtual_port(tmp_path / "nowhere/com1", f'group = "{group}"')
     assert found == [("port", f"there is no folder {tmp_path}/nowhere")]
+
+
+def test_included_files_are_looked_at_too(tmp_path):
+    folder = tmp_path / "conf.d"
+    folder.mkdir()
+    (folder / "b.toml").write_text('# web\n[web]\nbind = "http://127.0.0.1:0"\nusers = "users"\n')
+    (folder / "b.toml").chmod(0o600)
+    file = tmp_path / "gateway.toml"
+    file.write_text('include = ["conf.d/*.toml"]\n[[image]]\nunit = 200\nholding = 1\n')
+    unreadable, no_users = with_file_troubles(load(file), str(file), tmp_path).problems
+    assert str(unreadable).startswith(f"{folder}/b.toml: warning: the service may not be able to read this file")
+    assert str(no_users).startswith(f"{folder}/b.toml:4:9: warning: web.users: ")
+    assert f"{folder}/users" in str(no_users)

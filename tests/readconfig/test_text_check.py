@@ -124,7 +124,7 @@ def test_nothing_that_it_names_is_opened_or_looked_for(file, tmp_path, extra):
     touched, messages = json.loads(ended.stdout)
     assert all("danger.toml" in each for each in touched), touched  # own profiles are where the config has them
     assert any('no profile "danger"' in each for each in messages)
-    assert not extra or "unknown key" in messages
+    assert ("unknown key" in messages) == ("python" in extra)
 
 
 def test_own_profiles_are_those_of_the_gateway(file, tmp_path):
@@ -233,3 +233,18 @@ def test_a_process_that_checks_gives_way_to_all_others():
 
 def test_paths_count_from_the_folder_of_the_config():
     assert look_at(IN_USE, IN_USE, Path("/etc/modbus-gateway/config.toml")).problems == ()
+
+
+def test_include_is_not_followed_and_a_note_says_so(file):
+    text = f'include = ["conf.d/*.toml", "/none.toml"]\n{IN_USE}'
+    in_use = f"{text}#:include conf.d/b.toml\n[[image]]\nunit = 9\nholding = 8\n"
+    found = look_at(text, in_use, file)
+    assert "include is not followed: conf.d/*.toml, /none.toml" in found.notes
+    assert (found.problems, found.changes, found.difference) == ((), TextChanges(), ())
+
+
+def test_a_text_with_its_included_files_is_compared_with_all_that_is_in_use(file):
+    in_use = f'include = ["b.toml"]\n{IN_USE}#:include b.toml\n[[image]]\nunit = 9\nholding = 8\n'
+    found = look_at(in_use + "[[image]]\nunit = 10\nholding = 8\n", in_use, file)
+    assert found.changes == TextChanges(("image image-10",))
+    assert not any("include" in note for note in found.notes)

@@ -36,26 +36,20 @@ def test_two_listeners_on_free_ports_that_have_no_names():
 
 def test_two_devices_with_one_name():
     text = LINE.replace("}]", '},\n  { unit = 2, name = "one" }]')
-    assert problems(text) == [
-        'error: line[0].devices[1].name: "one" is already used in gateway.toml:4, devices[0]'
-    ]
+    assert problems(text) == ['error: line[0].devices[1].name: "one" is already used in gateway.toml:4, devices[0]']
 
 
 def test_a_device_that_is_called_as_one_without_a_name():
     """A mirror of a/2 would ask the wrong unit."""
     text = LINE.replace("}]", '},\n  { unit = 2 }, { unit = 3, name = "a/2" }]')
-    assert problems(text) == [
-        'error: line[0].devices[2].name: "a/2" is already used in gateway.toml:5, devices[1]'
-    ]
+    assert problems(text) == ['error: line[0].devices[2].name: "a/2" is already used in gateway.toml:5, devices[1]']
 
 
 def test_a_device_that_is_called_as_a_unit_behind_another_server():
     text = LINE.replace('"one"', '"u/7"') + (
         '[[upstream]]\nname = "u"\nto = "tcp://10.0.0.1"\nunits = [{ as = 7, unit = 1 }]\n'
     )
-    assert problems(text) == [
-        'error: line[0].devices[0].name: "u/7" is already used in gateway.toml:8, units[0]'
-    ]
+    assert problems(text) == ['error: line[0].devices[0].name: "u/7" is already used in gateway.toml:8, units[0]']
 
 
 def test_units_that_are_there_twice_are_not_blamed_for_their_names_too():

@@ -336,3 +336,17 @@ def test_no_file_is_read_but_those_of_own_profiles(tmp_path):
     config = tmp_path / "gateway.toml"
     assert [each["name"] for each in points_of("own", config, "")] == ["flow"]
     assert points_of("../other", config, "") == []
+
+
+async def test_devices_for_a_line_of_an_included_file_are_written_there(bench, tmp_path):
+    (tmp_path / "conf.d").mkdir()
+    (tmp_path / "conf.d" / "hall.toml").write_text(CONFIG)
+    (tmp_path / "gateway.toml").write_text('include = ["conf.d/*.toml"]\n[trace]\n')
+    anna = await operator(bench)
+    await anna.post("/config/reload")
+    page = await anna.post("/config/line/text", {"line": "hall", "take-4": "on", "as-4": "4", "profile-4": "generic"})
+    assert "no errors, no warnings" in page.text
+    assert "(conf.d/hall.toml:2)" in page.text
+    assert f"{tmp_path}/conf.d/hall.toml\nmodbus-gateway check" in page.text
+    page = await anna.post("/config/line/text", {"port": "/dev/new", "baud": "9600", "format": "8E1", "take-4": "on"})
+    assert f"tee -a {tmp_path}/gateway.toml" in page.text

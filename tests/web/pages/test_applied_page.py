@@ -108,3 +108,31 @@ async def test_a_folder_that_cannot_be_written_changes_nothing_else(bench, file,
     assert "applied" in page.text
     assert list(bench.running.gateway.lines[0].devices) == [47]
     assert len(bench.events("state_not_kept")) == 1
+
+
+async def test_included_files_are_kept_and_taken_back_too(bench, file, tmp_path):
+    folder = tmp_path / "conf.d"
+    folder.mkdir()
+    (folder / "a.toml").write_text(CONFIG)
+    (folder / "b.toml").write_text("[trace]\n")
+    anna = await reloaded(bench, file, 'include = ["conf.d/*.toml"]\n')
+    (folder / "a.toml").write_text(CONFIG.replace("46", "47"))
+    (folder / "c.toml").write_text("[log]\n")
+    await anna.post("/config/reload")
+    assert [row[1:] for row in rows(await anna.get("/config"))] == [["+3 \u22121", "in use"], ["\u2013", ""]]
+    first = links(await anna.get("/config"))[1]
+    texts = " ".join(Markup((await anna.get(f"/config/applied/{first}")).text).texts)
+    kept = tmp_path / "state" / "configs" / first / "include" / "conf.d%2Fa.toml"
+    assert f"install -D -m 644 {kept} {folder}/a.toml" in texts
+    assert f"mv {folder}/c.toml {folder}/c.toml.before" in texts
+    assert f"{folder}/b.toml" not in texts
+    assert kept.read_text() == CONFIG
+    assert "geheim" not in texts
+
+
+async def test_the_config_page_sees_a_change_of_an_included_file(bench, file, tmp_path):
+    (tmp_path / "b.toml").write_text(CONFIG)
+    anna = await reloaded(bench, file, 'include = ["b.toml"]\n')
+    assert "as = 47" not in (await anna.get("/config")).text
+    (tmp_path / "b.toml").write_text(CONFIG.replace("46", "47"))
+    assert "as = 47" in (await anna.get("/config")).text
