@@ -1,6 +1,5 @@
 """Files that a config includes: they are read as if their text stood behind its own."""
 
-import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path as FilePath
@@ -12,7 +11,7 @@ from gateway.config.problem import Path, Problem, WrongValue, error, errors_in, 
 from gateway.config.reading.positions import Part, Positions
 from gateway.config.reading.syntax import read_document
 from gateway.config.reading.tables import LISTS
-from gateway.config.reading.whole_text import ended, joined
+from gateway.config.reading.whole_text import ended, joined, unmarked
 from gateway.config.schema.config import INCLUDE, PROFILE
 from gateway.config.values.files import parse_include
 
@@ -28,31 +27,24 @@ class Document(NamedTuple):
     positions: Positions
 
 
-class Including(NamedTuple):
-    """A config with the files that it includes, or without, if something is wrong; and what is wrong, or noteworthy."""
-
-    whole: Document
-    problems: tuple[Problem, ...]
-
-
-def with_included(own: Document, file: str) -> Including:
-    """Read the files that a config includes. With an error in one of them, none is there."""
+def with_included(own: Document, file: str) -> tuple[Document, tuple[Problem, ...]]:
+    """Add the files that a config includes, and list what is wrong with them. With an error, none is there."""
     reading = _Reading(own, file)
     files = reading.files()
     if errors_in(reading.problems):
-        return Including(own, tuple(reading.problems))
+        return own, tuple(reading.problems)
     text = joined(own.text, {name: each.text for name, each in files.items()})
     wrong = find_wrong_text(text)
     if wrong:
         found = error((INCLUDE,), f"with the files that it names, the config {wrong}")
-        return Including(own, (own.positions.locate(found, file),))
+        return own, (own.positions.locate(found, file),)
     parts = [*_parts(own, files, file)]
     read = read_document(text, file, LISTS)
     if isinstance(read, Problem):  # what `_contradictions` does not know
         *_, part = (each for each in parts if each.before < read.line)
-        return Including(own, (part.moved(read),))
+        return own, (part.moved(read),)
     read[1].parts = parts
-    return Including(Document(text, *read), tuple(reading.problems))
+    return Document(text, *read), tuple(reading.problems)
 
 
 def _parts(own: Document, files: Mapping[str, Document], file: str) -> Iterator[Part]:
@@ -98,8 +90,11 @@ class _Reading:
 
     def _names(self) -> Iterator[tuple[str, Path]]:
         """List the names of the files, each with the path of the pattern that means it."""
-        there = set[str]()
-        for index, pattern in enumerate(self._patterns()):
+        try:
+            patterns = parse_include(self._own.tables[INCLUDE])
+        except WrongValue:  # TableReader tells it
+            return
+        for index, pattern in enumerate(patterns):
             path: Path = (INCLUDE, index)
             try:
                 names = find_included(pattern, self._config)
@@ -110,23 +105,15 @@ class _Reading:
                 found = warning(path, "there is no such file at the moment")
                 self.problems.append(self._own.positions.locate(found, self._file))
             for name in names:
-                real = os.path.realpath(self._config.parent / name)
                 if is_config(name, self._config):
                     self._complain(path, "is this file itself", "take it out")
-                elif real not in there:
-                    there.add(real)
+                else:
                     yield name, path
-
-    def _patterns(self) -> tuple[str, ...]:
-        try:
-            return parse_include(self._own.tables[INCLUDE])
-        except WrongValue:  # TableReader tells it
-            return ()
 
     def _read(self, name: str, path: Path) -> Document | None:
         file = self._config.parent / name
         try:
-            text = read_file_text(file)
+            text = unmarked(read_file_text(file))
         except UnreadableFile as wrong:
             if wrong.line:
                 self.problems.append(wrong.problem(file))

@@ -21,6 +21,7 @@ from gateway.config.reading.positions import Positions
 from gateway.config.reading.profile_file import ProfileFile
 from gateway.config.reading.syntax import NESTED, read_document
 from gateway.config.reading.tables import LISTS, TableReader
+from gateway.config.reading.whole_text import unmarked
 from gateway.config.resolve import Planning
 from gateway.config.schema.config import INCLUDE, PROFILE, Config
 
@@ -72,7 +73,7 @@ def load(path: str | FilePath, embedding: Embedding | None = None, **troubles: U
     """Load the file at `path`. Nothing is raised: a file that cannot be read is a problem too."""
     file = str(path)
     try:
-        text = read_file_text(FilePath(path))
+        text = unmarked(read_file_text(FilePath(path)))
     except UnreadableFile as wrong:
         remedy = wrong.remedy if FilePath(path).exists() else _NO_CONFIG_YET
         return Loaded(None, (wrong.problem(file, remedy),))
@@ -82,7 +83,7 @@ def load(path: str | FilePath, embedding: Embedding | None = None, **troubles: U
 
 def load_text(text: str, at: FilePath, embedding: Embedding, **troubles: Unpack[Troubles]) -> Loaded:
     """Load a text as a file there would be; the name stands for it in messages. Nothing is raised."""
-    text = plain_text(text)
+    text = unmarked(plain_text(text))
     wrong = find_wrong_text(text)
     if wrong:
         return Loaded(None, (error((), wrong).located(at.name, 0, 0),))

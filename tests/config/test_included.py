@@ -73,7 +73,6 @@ def test_what_matches_no_pattern(written, name):
 
 
 def test_a_pattern_that_means_the_config_too_leaves_it_out_and_each_file_is_read_once(written):
-    Path("l.toml").symlink_to("b.toml")
     assert (
         problems(written({"gateway.toml": MAIN.replace("conf.d/", "").replace("]", ', "b.toml"]', 1), "b.toml": OTHER}))
         == []
@@ -290,3 +289,9 @@ def test_the_files_of_a_config_are_found_whatever_is_wrong_with_them(written):
     main.write_text("include = 5")
     assert files_of(main) == [main]
     assert files_of(Path("none.toml")) == [Path("none.toml")]
+
+
+def test_a_comment_that_looks_like_the_line_between_files_is_none(written):
+    loaded = written({"gateway.toml": f"#:include x\n{MAIN}", "conf.d/b.toml": f"{OTHER}#:include ../y\n"})
+    assert parted(loaded.text) == (f"# include x\n{MAIN}", {"conf.d/b.toml": f"{OTHER}# include ../y\n"})
+    assert loaded.errors == ()

@@ -20,7 +20,7 @@ def find_included(pattern: str, config: Path) -> list[str]:
     """
     folder, name = os.path.split(pattern)
     if not has_magic(pattern):
-        return [pattern]
+        return [str(Path(pattern))]
     if has_magic(folder):
         raise WrongValue("has a wildcard in the name of a folder", 'name each folder: ["east/*.toml", "west/*.toml"]')
     try:

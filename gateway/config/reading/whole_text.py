@@ -22,6 +22,11 @@ def parted(whole: str) -> tuple[str, dict[str, str]]:
     return own, dict(zip(others[::2], others[1::2], strict=True))
 
 
+def unmarked(text: str) -> str:
+    """Change comments of a file that are the lines between files; nothing moves by that."""
+    return _MARKED.sub(rf"# {MARK[2:]}\1\n", text) if MARK in text else text
+
+
 def ended(text: str) -> str:
     """End the last line of a text."""
     return text if text.endswith("\n") or not text else f"{text}\n"

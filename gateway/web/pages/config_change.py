@@ -6,6 +6,7 @@ from aiohttp import web
 
 from gateway.clock.threads import in_thread
 from gateway.config.reading.masking import shown
+from gateway.config.reading.whole_text import parted
 from gateway.operator.config.check import check_config
 from gateway.operator.operations.answers.config import CheckedConfig
 from gateway.operator.operations.asked import TextToCheck
@@ -20,7 +21,8 @@ class ConfigChangePage(Page):
     @route("GET", "/config/change")
     async def begin(self, request: web.Request) -> web.Response:
         """Show the form, with the config in use as far as it may be shown."""
-        text = await in_thread("web config", shown, self._operator.reloader.text)
+        own, _ = parted(self._operator.reloader.text)
+        text = await in_thread("web config", shown, own)
         return await self._page(request, text, None)
 
     @route("POST", "/config/change", "operator")
