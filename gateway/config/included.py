@@ -102,7 +102,7 @@ class _Reading:
                 self._complain(path, str(wrong), wrong.remedy)
                 continue
             if not names:
-                found = warning(path, "there is no such file at the moment")
+                found = warning(path, "no file matches at the moment")
                 self.problems.append(self._own.positions.locate(found, self._file))
             for name in names:
                 if is_config(name, self._config):

@@ -149,7 +149,8 @@ def parse(
     places = _Places(whole.positions, file, whole.tables, profile_files or ProfileFiles.of_config(at))
     try:
         loaded = _parsed(places, at, embedding or Embedding(), troubles)
-        return replace(loaded, problems=(*notes, *loaded.problems), text=whole.text)
+        problems = tuple(_most_important([*notes, *loaded.problems], file)) if notes else loaded.problems
+        return replace(loaded, problems=problems, text=whole.text)
     except RecursionError:  # a key of a thousand parts
         return Loaded(None, (NESTED.located(file, 1, 1),))
 

@@ -68,7 +68,7 @@ def test_without_the_key_a_config_has_no_parts(written):
 )
 def test_what_matches_no_pattern(written, name):
     loaded = written({name: "not TOML"})
-    assert problems(loaded) == ["gateway.toml:1:12: warning: include[0]: there is no such file at the moment"]
+    assert problems(loaded) == ["gateway.toml:1:12: warning: include[0]: no file matches at the moment"]
     assert len(loaded.config.line) == 1
 
 
@@ -295,3 +295,8 @@ def test_a_comment_that_looks_like_the_line_between_files_is_none(written):
     loaded = written({"gateway.toml": f"#:include x\n{MAIN}", "conf.d/b.toml": f"{OTHER}#:include ../y\n"})
     assert parted(loaded.text) == (f"# include x\n{MAIN}", {"conf.d/b.toml": f"{OTHER}# include ../y\n"})
     assert loaded.errors == ()
+
+
+def test_a_note_about_a_pattern_stands_in_the_order_of_the_file(written):
+    loaded = written({"gateway.toml": f'site = "x"\n{MAIN}', "b.toml": OTHER})
+    assert [each.line for each in loaded.problems] == [1, 2]
