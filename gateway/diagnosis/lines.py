@@ -14,6 +14,8 @@ from gateway.ports.port import CLOSED_AT_ONCE
 
 #: An echoing adapter returns this share of the requests at least: noise may hide some.
 ECHOED: Final = 0.8
+#: `with_ports` leaves the row out where one about the port says more, so this is for what a driver refuses: a rate.
+CORRECT_IT: Final = "correct what is named here; modbus-gateway ports shows the port"
 #: This many are no coincidence.
 ENOUGH: Final = 3
 _CLOSED_AT_ONCE: Final = CLOSED_AT_ONCE.partition("{port}")[2]
@@ -32,7 +34,7 @@ def about_line(line: LineEvidence, about_units: Iterable[Sequence[Finding]] | No
         yield Finding("note", line.name, f"does not ask: {line.reason}")
         return
     if line.reason:
-        remedy = "see the rows about its port"
+        remedy = CORRECT_IT
         if not line.is_serial:
             remedy = against_loss(line.reason, "check its address, and the device server")
         yield Finding("fix", line.name, f"{IS_DOWN}{line.reason}", remedy)

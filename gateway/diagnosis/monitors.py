@@ -7,7 +7,7 @@ from gateway.config.values.duration import show_age
 from gateway.diagnosis.evidence import HeardUnitEvidence, MonitorEvidence
 from gateway.diagnosis.finding import IS_DOWN, Finding
 from gateway.diagnosis.last import RECENT
-from gateway.diagnosis.lines import ENOUGH, about_characters, against_loss
+from gateway.diagnosis.lines import CORRECT_IT, ENOUGH, about_characters, against_loss
 
 #: From this share of the requests on, stretches that are no frames are told, and answers that are missing.
 MANY: Final = 0.05
@@ -26,7 +26,7 @@ _ONE_DIRECTION: Final = (
 def about_monitor(line: MonitorEvidence) -> Iterator[Finding]:
     """Find why little or nothing is heard on a line; yield an `ok` row if all is well. Nobody is blamed for a rate."""
     if line.on_port.reason:
-        remedy = "see the rows about its port"
+        remedy = CORRECT_IT
         if not line.on_port.is_serial:
             remedy = against_loss(line.on_port.reason, "check its address, and the device server")
         yield Finding("fix", line.name, f"{IS_DOWN}{line.on_port.reason}", remedy)

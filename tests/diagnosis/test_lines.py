@@ -320,9 +320,10 @@ def test_a_unit_with_an_address_twice_is_not_said_to_be_without_power_as_well():
     assert [remedy for _, _, remedy in rows] == ["disconnect one of them and give it another address"]
 
 
-def test_a_line_that_is_down_has_one_row():
-    ((about, what, remedy),) = fixes(replace(LINE, reason="/dev/ttyUSB0 does not exist"))
-    assert (about, what, remedy) == ("hall", "is down: /dev/ttyUSB0 does not exist", "see the rows about its port")
+def test_a_line_that_is_down_has_one_row_that_names_the_cause():
+    ((about, what, remedy),) = fixes(replace(LINE, reason="/dev/ttyS0 has no RS-485 support in its driver"))
+    assert (about, what) == ("hall", "is down: /dev/ttyS0 has no RS-485 support in its driver")
+    assert remedy.startswith("correct what is named here")
 
 
 def test_a_full_line_is_a_note():

@@ -69,7 +69,7 @@ def test_ports_are_looked_at_from_outside(daemon, capsys):
 
 
 def test_a_line_that_is_down_for_its_port_is_one_fault(daemon, capsys):
-    down = {"level": "fix", "what": "is down: /dev/nothing does not exist", "remedy": "see the rows about its port"}
+    down = {"level": "fix", "what": "is down: /dev/nothing does not exist", "remedy": "correct what is named here"}
     daemon.findings = [{**down, "about": "hall"}, {**down, "about": "motion"}]
     daemon.ports = [{"line": "hall", "source": "gateway.toml:3", "port": "/dev/nothing", "is_open": False}]
     assert main(["doctor"]) == PROBLEM_FOUND
