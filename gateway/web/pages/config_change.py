@@ -11,7 +11,8 @@ from gateway.operator.config.check import check_config
 from gateway.operator.operations.answers.config import CheckedConfig
 from gateway.operator.operations.asked import TextToCheck
 from gateway.web.api.asking import asker_of
-from gateway.web.front.bodies import FORM
+from gateway.web.front.bodies import FORM, FORM_TYPE
+from gateway.web.front.problems import ProblemError
 from gateway.web.pages.page import Page, route
 
 
@@ -31,19 +32,24 @@ class ConfigChangePage(Page):
 
         Raises:
             Unready: too many others have theirs checked.
+            ProblemError: it is no form.
         """
-        form = request[FORM]
+        form = _form(request)
         text = form.get("text", "").replace("\r\n", "\n")
         checked = await check_config(self._operator, TextToCheck(text), asker_of(request))
         return await self._page(request, "" if "only_result" in form else text, checked, text.split("\n"))
 
     @route("POST", "/config/change/text", "operator")
     async def download(self, request: web.Request) -> web.Response:
-        """Return the text of the form as a file, with the name of the config."""
+        """Return the text of the form as a file, with the name of the config.
+
+        Raises:
+            ProblemError: it is no form.
+        """
         name = self._operator.reloader.file.name
         safe = "".join(each if (each.isalnum() and each.isascii()) or each in ".-_" else "_" for each in name)
         return web.Response(
-            text=request[FORM].get("text", "").replace("\r\n", "\n"),
+            text=_form(request).get("text", "").replace("\r\n", "\n"),
             content_type="application/toml",
             headers={"Content-Disposition": f'attachment; filename="{safe}"', "Cache-Control": "no-store"},
         )
@@ -58,3 +64,9 @@ class ConfigChangePage(Page):
             checked=checked,
             lines=lines,
         )
+
+
+def _form(request: web.Request) -> dict[str, str]:
+    if FORM not in request:
+        raise ProblemError(415, f"forms are {FORM_TYPE}")
+    return request[FORM]

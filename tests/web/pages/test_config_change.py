@@ -118,6 +118,13 @@ async def test_the_text_can_be_downloaded(anna):
     assert page.headers["Content-Disposition"] == 'attachment; filename="gateway.toml"'
 
 
+@pytest.mark.parametrize("path", [PAGE, f"{PAGE}/text"])
+async def test_what_is_no_form_is_refused(bench, anna, checked, path):
+    page = await anna._change("POST", path, b'{"text": ""}', "application/json", {})
+    assert page.status == 415
+    assert checked == bench.events("part_failed") == []
+
+
 @pytest.mark.parametrize("user", ["", "vera"])
 async def test_nobody_else_may_have_a_text_checked(bench, checked, user):
     browser = bench.browser()
