@@ -60,9 +60,8 @@ Search.performTermsSearch = (words, excluded) => {
   const sections = sectionsWith(weights);
   for (const hit of found.values()) {
     hit[4] /= all;
-    const [share, title, anchor] = sections.get(hit[0]) ?? [];
-    // A title with less than that of the question is one with a word such as "device" in it: then the top of the page.
-    if (share > all / 4) [hit[1], hit[2]] = [`${hit[1]} > ${title}`, anchor];
+    const [, title, anchor] = sections.get(hit[0]) ?? [];
+    if (anchor) [hit[1], hit[2]] = [`${hit[1]} > ${title}`, anchor];
   }
   return [...found.values()];
 };
