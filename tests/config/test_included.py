@@ -297,6 +297,11 @@ def test_a_comment_that_looks_like_the_line_between_files_is_none(written):
     assert loaded.errors == ()
 
 
+def test_nor_is_one_in_a_last_line_without_an_end(written):
+    loaded = written({"conf.d/b.toml": f"{OTHER}#:include ../y"})
+    assert parted(loaded.text) == (MAIN, {"conf.d/b.toml": f"{OTHER}# include ../y\n"})
+
+
 def test_a_note_about_a_pattern_stands_in_the_order_of_the_file(written):
     loaded = written({"gateway.toml": f'site = "x"\n{MAIN}', "b.toml": OTHER})
     assert [each.line for each in loaded.problems] == [1, 2]

@@ -7,6 +7,8 @@ from typing import Final
 #: What begins the line above the text of an included file.
 MARK: Final = "#:include "
 _MARKED: Final = re.compile(rf"^{MARK}(.*)\n", re.MULTILINE)
+#: Also in a last line without an end, which `joined` ends.
+_LIKE_ONE: Final = re.compile(f"^{MARK}", re.MULTILINE)
 
 
 def joined(own: str, included: Mapping[str, str]) -> str:
@@ -24,7 +26,7 @@ def parted(whole: str) -> tuple[str, dict[str, str]]:
 
 def unmarked(text: str) -> str:
     """Change comments of a file that are the lines between files; nothing moves by that."""
-    return _MARKED.sub(rf"# {MARK[2:]}\1\n", text) if MARK in text else text
+    return _LIKE_ONE.sub(f"# {MARK[2:]}", text) if MARK in text else text
 
 
 def ended(text: str) -> str:
