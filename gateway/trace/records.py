@@ -183,7 +183,7 @@ class Refused(Record):
         self.client = client
         self.unit = unit
         self.request = request
-        self.error = error
+        self.error = error.with_traceback(None)  # whose frames would keep the parts of an earlier gateway
         self.received_at = received_at
         self.until = until
         self.count = count

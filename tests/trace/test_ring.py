@@ -7,7 +7,7 @@ import pytest
 from gateway.errors import NoRoute
 from gateway.events import discard_event
 from gateway.lines.telling import Telling
-from gateway.trace.records import Record, Sent
+from gateway.trace.records import Record, Refused, Sent
 from gateway.trace.ring import FAILURES_SHARE, STEP, Ring
 from kit.asker import Asker
 from kit.line_bench import READ, Bench
@@ -138,3 +138,12 @@ def test_records_hold_no_session():
     names = {name for kind in type(record).__mro__ for name in vars(kind) if not name.startswith("__")}
     held = [each for each in (getattr(record, name) for name in names) if not callable(each)]
     assert {type(each) for each in held} == {float, str, int, bytes}
+
+
+def test_an_error_that_was_raised_keeps_no_frame():
+    """Each would take more than its record is counted for, and keep the unit that raised it over a reload."""
+    with pytest.raises(NoRoute) as raised:
+        raise NoRoute
+    assert raised.value.__traceback__ is not None
+    record = Refused(1.0, "", "hall", "10.2.0.7:49152", 41, READ, raised.value, 0.5)
+    assert record.error.__traceback__ is None
