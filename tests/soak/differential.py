@@ -124,7 +124,7 @@ def main() -> int:
     checkouts = [each.resolve() for each in args.checkouts]
     versions = Versions(checkouts, args.tests and args.tests.resolve(), args.ignore)
     begin, different = time.monotonic(), []
-    worlds, alphabets = (line.split() for line in run(checkouts[0], "parts").splitlines())
+    worlds, alphabets = (line.split(",") for line in run(checkouts[0], "parts").splitlines())
     strict = ["--deadlines"] * args.deadlines
     parts = args.part or [*worlds, *alphabets]
     for seed in range(args.seed, args.seed + args.seeds):

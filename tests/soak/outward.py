@@ -325,8 +325,8 @@ def main() -> None:
     if not Path(gateway.__file__).is_relative_to(sys.path[0]):
         sys.exit(f"this is another gateway: {gateway.__file__}")
     if args.part == "parts":
-        print(*WORLDS, "long", "anything")
-        print(*ALPHABETS)
+        print(*WORLDS, "long", "anything", sep=",")
+        print(*ALPHABETS, sep=",")  # one has words
         return
     if args.depth is not None:
         find_orders(args.part, args.depth)
