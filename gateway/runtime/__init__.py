@@ -3,7 +3,7 @@
 A reload, from top to bottom: `Reloader` reads the config, `Builder` builds a gateway from its plan, reusing the parts
 that are the same as before, and `Running.switch` replaces the previous one with it.
 
-- reload       reads the config again, compares it with the one in use, says what has changed
+- reload, outcome      reads the config again, compares it with the one in use, says what has changed
 - running              what outlives a reload; start, switch to another gateway, drain
 - listening, open_ports, draining    what switch, start and stop do with listeners, and with ports
 - build, reach         a gateway from a plan; which units each client reaches there, and by which numbers

@@ -18,6 +18,7 @@ from gateway.errors import ConfigError, ListenError, StateError, TlsError
 from gateway.readconfig.process import READING_TIME, ReadConfig, read_config
 from gateway.runtime.custom_units import outdated
 from gateway.runtime.gateway import Gateway
+from gateway.runtime.outcome import Outcome
 from gateway.runtime.running import Running
 from gateway.runtime.summary import summary
 from gateway.state.applied_configs import AppliedConfigs
@@ -27,23 +28,6 @@ from gateway.tls.store import find_warnings, load_all
 
 #: How long reading what images keep, or certificates, may take, in seconds.
 LOADING_TIME: Final = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """The result of a reload: `problems` if the file was rejected, else the changed tables.
-
-    `restart` are changes that apply after a restart; `warnings` are those of `check`. `defect` is an error that
-    occurred after the new config was in use.
-    """
-
-    problems: tuple[str, ...] = ()
-    added: tuple[str, ...] = ()
-    removed: tuple[str, ...] = ()
-    changed: tuple[str, ...] = ()
-    restart: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-    defect: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -224,12 +224,13 @@ def test_a_serial_hmi_reads_and_writes_the_block_on_a_server_line(plant: Plant) 
 def test_a_device_that_dies_is_an_exception_its_last_value_or_a_number_as_the_row_says(plant: Plant) -> None:
     meter = plant.meters[1]
     alive = [*POWER, 77, 78, 0b11, 9100]
+    meter.silent = False
     plant.becomes(DYING, "03 0000 0006", in_hex(alive))
     meter.silent = True
     plant.becomes(DYING, "03 0002 0004", in_hex([77, 0x7FC0, 0b10, 9100]))
     plant.becomes(DYING, "03 0000 0002", "83 0B")
     assert plant.ask(DYING, "03 0000 0006") == "83 0B"
-    assert plant.ask(DYING, "03 0002 0004") == in_hex([77, 0x7FC0, 0b10, 9100])
+    plant.becomes(DYING, "03 0002 0004", in_hex([77, 0x7FC0, 0b10, 9100]))  # those of the other device may be late once
     meter.holding[30] = 79
     meter.silent = False
     plant.becomes(DYING, "03 0000 0006", in_hex([*POWER, 79, 78, 0b11, 9100]))

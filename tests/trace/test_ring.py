@@ -145,5 +145,5 @@ def test_an_error_that_was_raised_keeps_no_frame():
     with pytest.raises(NoRoute) as raised:
         raise NoRoute
     assert raised.value.__traceback__ is not None
-    record = Refused(1.0, "", "hall", "10.2.0.7:49152", 41, READ, raised.value, 0.5)
+    record = Refused(1.0, "", "hall", "10.2.0.7:49152", 41, bytes.fromhex(READ), raised.value, 0.5)
     assert record.error.__traceback__ is None

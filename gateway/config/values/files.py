@@ -6,11 +6,13 @@ A path counts from the folder of the config that names it. That folder is what v
 import re
 from dataclasses import replace
 from pathlib import Path
-
-from pydantic import ValidationInfo
+from typing import TYPE_CHECKING
 
 from gateway.config.problem import WrongValue
 from gateway.tls.settings import SecretFile
+
+if TYPE_CHECKING:
+    from pydantic import ValidationInfo  # commands that read no config use other functions of this module
 
 #: A file in the folder of systemd's credentials, and nowhere else.
 _CREDENTIAL = re.compile(r"(?!\.)[A-Za-z0-9._-]{1,64}")
@@ -30,12 +32,12 @@ def parse_include(value: object) -> tuple[str, ...]:
     return tuple(check_path(each) for each in value)
 
 
-def in_folder(path: str, info: ValidationInfo) -> str:
+def in_folder(path: str, info: "ValidationInfo") -> str:
     """Take a path from the folder of the config."""
     return str((info.context or Path()) / path)
 
 
-def secret_in_folder(file: SecretFile, info: ValidationInfo) -> SecretFile:
+def secret_in_folder(file: SecretFile, info: "ValidationInfo") -> SecretFile:
     """Take a file from the folder of the config; leave a credential as it is."""
     return file if file.is_credential else replace(file, name=in_folder(file.name, info))
 

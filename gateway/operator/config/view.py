@@ -15,7 +15,8 @@ from gateway.config.reading.masking import difference, shown
 from gateway.config.reading.whole_text import parted
 from gateway.errors import ConfigError
 from gateway.readconfig.process import READING_TIME, ConfigRead
-from gateway.runtime.reload import Outcome, Reloader, changed
+from gateway.runtime.outcome import Outcome
+from gateway.runtime.reload import Reloader, changed
 from gateway.runtime.running import Running
 
 #: This many characters of a file are shown.

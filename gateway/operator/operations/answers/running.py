@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gateway.runtime.reload import Outcome
+from gateway.runtime.outcome import Outcome
 
 
 @dataclass(frozen=True, slots=True)
