@@ -11,7 +11,7 @@ from array import array
 from serial.serialposix import SER_RS485_ENABLED, SER_RS485_RTS_ON_SEND, TIOCGRS485, TIOCSRS485
 
 from gateway.errors import PortError
-from gateway.hardware.ioctls import FORMAT_FLAGS, encode_format
+from gateway.hardware.ioctls import FORMAT_FLAGS, encode_format, read_rs485_delays
 from gateway.ports.opener import make_opener
 from gateway.ports.port import SerialSettings
 from gateway.timing.characters import CharacterFormat
@@ -41,8 +41,8 @@ def check(what, seen, expected):
 class Held:
     """The port as the gateway holds it, and a descriptor beside it, as `stty -F` has one."""
 
-    def __init__(self, port, format_="8E1", baud=19200, rs485="adapter", *, listens=False):
-        self.settings = SerialSettings(port, baud, CharacterFormat.parse(format_), rs485, listens=listens)
+    def __init__(self, port, format_="8E1", baud=19200, rs485="adapter", **others):
+        self.settings = SerialSettings(port, baud, CharacterFormat.parse(format_), rs485, **others)
         self.user = User()
 
     async def __aenter__(self):
@@ -133,6 +133,11 @@ async def check_rs485(port, beside):
     async with Held(port, rs485="kernel"):
         check("RS-485, kernel, found on", rs485(beside) & on, on)
     check("RS-485 after kernel, found on", rs485(beside), found)
+    async with Held(port, rs485="kernel", latency=0.0, rs485_delay=(3, 1)) as held:
+        check("RS-485, delays", (read_rs485_delays(beside), held.port.latency), ((3, 1), 0.004))
+    check("RS-485, delays after kernel", read_rs485_delays(beside), (0, 0))
+    reason = f"{port}: its driver cannot do rs485_delay 3 ms and 101 ms, it would keep 3 ms and 100 ms"
+    check("RS-485, longer delays", await opening(port, rs485="kernel", rs485_delay=(3, 101)), reason)
 
 
 def modem_lines(descriptor):
